@@ -145,7 +145,8 @@ class Contact(Group):
     """Obstacles, and the samples of the cable that touch them (`engine.contact`)."""
 
     count = Whole()  # obstacles
-    samples = Whole()  # of a span; the last one of the cable has one more at its end
+    samples = Whole()  # of a span
+    last = Wholes("blocks")  # the same, or one more where a branch ends
     basis = Lanes("blocks", "touches", 4)  # basis functions
     weight = Lanes("blocks", "touches", 2)  # [m], of each rule
     stride = Wholes(2)  # from one sample to the next, of each rule
@@ -285,7 +286,7 @@ class Work(Group):
     border_spare = Reals("unknowns")
     border_value = Reals("bordered")
     trial = Lanes("blocks", "obstacles", "touches", 3)  # bristles at the end of the step
-    contact_sums = Reals(144, groups.LANES)  # derivatives between the unknowns of a span
+    contact_sums = Reals(90, groups.LANES)  # derivatives between the control points of a span
     # twist line of implicit steps
     twist_latest = Reals("lines", "columns")
     twist_rest = Reals("lines", "columns")

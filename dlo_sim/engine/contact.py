@@ -272,12 +272,6 @@ def sample_at(contact, b, j, q):
 
 
 @part
-def samples_of(cable, b):
-    """Samples of the spans of a block; only the last span has one at its end."""
-    return cable.contact.samples + (1 if b == cable.blocks - 1 else 0)
-
-
-@part
 def clear_bristle(z):
     """z = 0."""
     z[0] = zero()
@@ -296,33 +290,29 @@ def bristle_of(state, b, o, j):
 
 
 @part
-def misses(contact, o, y0, y1):
-    """Whether no lane can touch or pass an obstacle in a step: the way is shorter than the sum of
-    its distances from both ends.
+def misses(contact, o, here, there, dy):
+    """Whether no lane can touch or pass an obstacle in a step dy between two `distance`: the way is
+    shorter than the sum of its gaps at both ends.
     """
-    d0, d1 = distance(contact, o, y0)[0], distance(contact, o, y1)[0]
-    way = combined(1.0, y1, -1.0, y0)
-    room = (d0 + d1) - 2.0 * contact.reach[o] - sqrt(dot(way, way))
-    return lane_sum(where(room, 0.0, 1.0)) == 0.0
+    room = here[0] + there[0] - 2.0 * contact.reach[o]
+    free = where(room, where(room * room - dot(dy, dy), 0.0, 1.0), 1.0)
+    return lane_sum(free) == 0.0
 
 
 @part
-def pressure(contact, o, rate, y0, y1):
-    """Gaps before and after, n, p_el, p, dp/dg1, n1, f1 n1' + n1 n1^T, f0 + f1, and 1 where the
-    step may have passed through the obstacle. `rate`: 1 / tau.
+def pressure(contact, o, rate, here, there, dy):
+    """Gaps before and after, n, p_el, p, dp/dg1, f0 + f1, and 1 where the step may have passed
+    through the obstacle, for a step dy between two `distance`. `rate`: 1 / tau.
     """
     law, reach = contact.law[o], contact.reach[o]
-    d0, n0, f0, _ = distance(contact, o, y0)
-    d1, n1, f1, bend = distance(contact, o, y1)
-    g0, g1, both = d0 - reach, d1 - reach, f0 + f1
-    n, jumped = n1, zero()
+    g0, g1, both = here[0] - reach, there[0] - reach, here[2] + there[2]
+    n, jumped = there[1], zero()
     if contact.core[o] != HALF_SPACE:
-        dy = combined(1.0, y1, -1.0, y0)
         way = dot(dy, dy)
-        n = scaled(1.0 / both, combined(f0, n0, f1, n1))
+        n = scaled(1.0 / both, combined(here[2], here[1], there[2], there[1]))
         n = combined(1.0, n, ((g1 - g0) - dot(n, dy)) / (way + SMOOTH), dy)
         far = sqrt(way)
-        jumped = where(far - (g0 + g1), 1.0, 0.0) * where(0.5 - dot(n0, n1), 1.0, 0.0)
+        jumped = where(far - (g0 + g1), 1.0, 0.0) * where(0.5 - dot(here[1], there[1]), 1.0, 0.0)
         jumped = jumped * where(far - JUMP * reach, 1.0, 0.0)
     k, c = law[STIFFNESS], law[DAMPING] * rate
     deep, inverse = depth(g0) + depth(g1), 1.0 / (fabs(g0) + fabs(g1) + TINY)
@@ -333,7 +323,7 @@ def pressure(contact, o, rate, y0, y1):
     slope = -0.5 * k * share * (1.0 - up + share * up) - c * share
     slope += c * (g1 - g0) * inverse * (0.5 * (1.0 - up) + share * up)
     p, slope = where(p, p, 0.0), where(p, slope, 0.0)
-    return (g0, g1), n, elastic, p, slope, n1, bend, both, jumped
+    return (g0, g1), n, elastic, p, slope, both, jumped
 
 
 @part
@@ -396,11 +386,13 @@ def add_force(cable, springs, rate, most, rubs, x0, x1, out):
                 continue
             q0, q1 = span_points(cable, x0, b), span_points(cable, x1, b)
             g0, g1, g2, g3 = none, none, none, none
-            for j in range(0, samples_of(cable, b), contact.stride[pick]):
+            for j in range(0, contact.last[b], contact.stride[pick]):
                 r0, r1 = sample_at(contact, b, j, q0), sample_at(contact, b, j, q1)
                 w = contact.weight[b, j, pick]
                 y0, y1 = to_body(pose, begun, r0), to_body(pose, END, r1)
-                if misses(contact, o, y0, y1):
+                here, there = distance(contact, o, y0), distance(contact, o, y1)
+                dy = combined(1.0, y1, -1.0, y0)
+                if contact.core[o] != HALF_SPACE and misses(contact, o, here, there, dy):
                     if rubbed:
                         z = bristle_of(state, b, o, j)
                         stored = 0.5 * stiff[0] * w * dot(z, z)
@@ -408,11 +400,11 @@ def add_force(cable, springs, rate, most, rubs, x0, x1, out):
                         kept = kept - stored
                         clear_bristle(cable.work.trial[b, o, j])
                     continue
-                gaps, n, elastic, p, _, _, _, _, jumped = pressure(contact, o, rate, y0, y1)
+                found = pressure(contact, o, rate, here, there, dy)
+                gaps, n, elastic, p, _, _, jumped = found
                 jumps += where(w, jumped, 0.0)
                 lost += w * (p - elastic) * (gaps[0] - gaps[1])
                 f = scaled(p - (1.0 - springs) * elastic, n)
-                dy = combined(1.0, y1, -1.0, y0)
                 if rubbed:
                     z = bristle_of(state, b, o, j)
                     trial, share, _, held, slip, _ = friction(law, stiff, n, dy, z, p)
@@ -457,7 +449,7 @@ def energy(cable, x, out):
             if state.near[b, o] == 0.0:
                 continue
             q = span_points(cable, x, b)
-            for j in range(0, samples_of(cable, b), contact.stride[pick]):
+            for j in range(0, contact.last[b], contact.stride[pick]):
                 y = to_body(pose, END, sample_at(contact, b, j, q))
                 deep = depth(distance(contact, o, y)[0] - contact.reach[o])
                 z = bristle_of(state, b, o, j)
@@ -467,11 +459,10 @@ def energy(cable, x, out):
 
 
 @part
-def by_motion(cable, o, rate, stiff, y0, y1, z, rubbed):
+def by_motion(contact, o, rate, stiff, here, there, dy, z, rubbed):
     """Minus d (p n + f) / d y1, by lines."""
-    contact = cable.contact
-    law = contact.law[o]
-    _, n, _, p, slope, n1, bend, both, _ = pressure(contact, o, rate, y0, y1)
+    law, n1, bend = contact.law[o], there[1], there[3]
+    _, n, _, p, slope, both, _ = pressure(contact, o, rate, here, there, dy)
     turn = -p / both
     push, aside = scaled(-slope, n), scaled(-turn, n)
     h = (
@@ -485,9 +476,7 @@ def by_motion(cable, o, rate, stiff, y0, y1, z, rubbed):
         (h[2][0], h[2][1], h[2][2] + turn * bend[2]),
     )
     if rubbed:
-        trial, share, far, _, _, inverse = friction(
-            law, stiff, n, combined(1.0, y1, -1.0, y0), z, p
-        )
+        trial, share, far, _, _, inverse = friction(law, stiff, n, dy, z, p)
         slides = where(share - 1.0 + 1e-15, 0.0, 1.0) * where(p, 1.0, 0.0)
         way = scaled(1.0 / far, trial)
         hold, lean = share * stiff[1], law[FRICTION] * slides * slope
@@ -526,13 +515,15 @@ def add_tangent(cable, rate, rubs, x0, x1, scale, band):
             law, pose, pick = contact.law[o], state.pose[o], contact.rule[o]
             rubbed = rubs and law[FRICTION] > 0.0
             stiff = law[BRISTLE], law[BRISTLE] + law[BRISTLE_DAMPING] * rate + TINY
-            for j in range(0, samples_of(cable, b), contact.stride[pick]):
+            for j in range(0, contact.last[b], contact.stride[pick]):
                 y0 = to_body(pose, START, sample_at(contact, b, j, q0))
                 y1 = to_body(pose, END, sample_at(contact, b, j, q1))
-                if misses(contact, o, y0, y1):
+                here, there = distance(contact, o, y0), distance(contact, o, y1)
+                dy = combined(1.0, y1, -1.0, y0)
+                if contact.core[o] != HALF_SPACE and misses(contact, o, here, there, dy):
                     continue
                 z = bristle_of(state, b, o, j)
-                h = by_motion(cable, o, rate, stiff, y0, y1, z, rubbed)
+                h = by_motion(contact, o, rate, stiff, here, there, dy, z, rubbed)
                 # R_middle h R_end^T
                 c0, c1 = to_lines(pose, END, h[0]), to_lines(pose, END, h[1])
                 c2 = to_lines(pose, END, h[2])
@@ -558,16 +549,18 @@ def clear_sums(sums):
 
 @part
 def add_line(sums, e, dim, i, f):
-    """Add what a sample with basis values e adds to line i of all pairs of control points of its
-    span, from a line f of its derivative: rows of `Work.contact_sums`.
+    """Add what a sample with basis values e adds to line i between all pairs of control points of
+    its span, from line i of its derivative f: dim^2 rows of `Work.contact_sums` for each pair.
     """
+    at = dim * i
     for first in range(4):
-        for other in range(4):
-            both, at = e[first] * e[other], (first * dim + i) * 4 * dim + other * dim
+        for other in range(first, 4):
+            both = e[first] * e[other]
             store(sums, at, 0, load(sums, at, 0) + both * f[0])
             store(sums, at + 1, 0, load(sums, at + 1, 0) + both * f[1])
             if dim == 3:
                 store(sums, at + 2, 0, load(sums, at + 2, 0) + both * f[2])
+            at += dim * dim
 
 
 @part
@@ -577,10 +570,19 @@ def scatter_sums(cable, b, found, band):
     for span in range(min(LANES, cable.n - 3 - LANES * b)):
         if lane(found, span) == 0.0:
             continue
-        for k in range(4 * dim):
-            row = band[(LANES * b + span) * dim + k]
-            for c in range(4 * dim):
-                row[c - k + 4 * dim - 1] += sums[k * 4 * dim + c, span]
+        at = 0
+        for first in range(4):
+            for other in range(first, 4):
+                for i in range(dim):
+                    row = band[(LANES * b + span + first) * dim + i]
+                    twin = band[(LANES * b + span + other) * dim + i]
+                    begin, apart = 4 * dim - 1 - i, (other - first) * dim
+                    for c in range(dim):
+                        value = sums[at + c, span]
+                        row[begin + apart + c] += value
+                        if other > first:
+                            twin[begin - apart + c] += value
+                    at += dim
 
 
 # -- broad phase ---------------------------------------------------------------------------------
@@ -674,7 +676,7 @@ def keep_bristles(cable):
         if contact.law[o, FRICTION] > 0.0:
             for b in range(cable.blocks):
                 if state.near[b, o] != 0.0:
-                    for j in range(0, samples_of(cable, b), contact.stride[contact.rule[o]]):
+                    for j in range(0, contact.last[b], contact.stride[contact.rule[o]]):
                         for k in range(3):
                             state.bristle[b, o, j, k] = cable.work.trial[b, o, j, k]
         settle_pose(state.pose[o], END)
@@ -774,7 +776,7 @@ def report(address, obstacle, out):
     law, pose, pick = contact.law[o], state.pose[o], contact.rule[o]
     for b in range(cable.blocks):
         q = span_points(cable, state.x, b)
-        for j in range(0, samples_of(cable, b), contact.stride[pick]):
+        for j in range(0, contact.last[b], contact.stride[pick]):
             w = contact.weight[b, j, pick]
             y = to_body(pose, END, sample_at(contact, b, j, q))
             d, n, _, _ = distance(contact, o, y)

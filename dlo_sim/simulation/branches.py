@@ -57,7 +57,7 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
     """
     first = models[0]
     for model in models:
-        alike = ("terms", "dim", "lines", "samples", "constraints")
+        alike = ("terms", "dim", "lines", "samples", "touches", "constraints")
         if any(model.arrays.sizes[size] != first.arrays.sizes[size] for size in alike):
             raise ValueError("branches: need the same lines, terms, and samples in a span")
     if first.has(ALONG) or first.arrays.sizes["constraints"]:
@@ -79,7 +79,8 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
         joints=holding.joints,
         grasps=sum(model.arrays.sizes["grasps"] for model in models),
         loads=sum(model.arrays.sizes["loads"] for model in models),
-        planes=first.arrays.sizes["planes"],
+        obstacles=first.arrays.sizes["obstacles"],
+        touches=first.arrays.sizes["touches"],
         constraints=0,
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
@@ -98,10 +99,11 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
         _with_voids([model.bending_stiffness for model in models]),
         first.rest,
         first.origin,
+        first.obstacles,
     )
     arrays.axes[:] = first.arrays.axes
     arrays.physics = first.arrays.physics
-    arrays.planes = first.arrays.planes
+    _fill_contact(arrays, [model.arrays for model in models])
     _fill_mesh(arrays.mesh, [model.arrays for model in models], starts)
     _fill_lines(arrays, [model.arrays for model in models], starts)
     values = held_values(model)
@@ -128,6 +130,21 @@ def _fill_mesh(mesh: Mesh, parts: Sequence[CableArrays], starts: Sequence[int]) 
         # `slope` and the stiffnesses have no meaning on void spans, but are divided by.
         void = {"padding": 1.0, "slope": 1.0, "axial": 1.0, "bending": 1.0}.get(name, 0.0)
         getattr(mesh, name)[:] = to_blocks(_with_voids(lanes, void), beyond=void)
+
+
+def _fill_contact(arrays: CableArrays, parts: Sequence[CableArrays]) -> None:
+    """The obstacles of the first branch, and the samples of all that touch them."""
+    contact, first = arrays.contact, parts[0].contact
+    if not first.count:
+        return
+    for name in contact.fields:
+        if name in ("basis", "weight"):
+            lanes = [from_blocks(getattr(p.contact, name), p.n - bspline.DEGREE) for p in parts]
+            getattr(contact, name)[:] = to_blocks(_with_voids(lanes))
+        elif name != "last":
+            setattr(contact, name, getattr(first, name))
+    ends = contact.weight[:, contact.samples] > 0.0
+    contact.last[:] = contact.samples + np.any(ends, axis=(1, 2))
 
 
 def _fill_lines(arrays: CableArrays, parts: Sequence[CableArrays], starts: Sequence[int]) -> None:

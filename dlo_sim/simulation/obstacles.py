@@ -193,6 +193,7 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
     coarse, fine = (touching(knots, count, used) for used in (PLANE_SAMPLES, count))
     group.basis[:] = to_blocks(_values(knots, fine.xi))
     group.weight[:] = to_blocks(np.stack((coarse.weights, fine.weights), axis=-1))
+    group.last[:] = count + np.any(group.weight[:, count] > 0.0, axis=(1, 2))
     for k, obstacle in enumerate(scene.obstacles[: group.count]):
         core = core_of(obstacle, radius)
         flat = core.kind == contact.HALF_SPACE
