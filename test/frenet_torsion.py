@@ -13,10 +13,10 @@ them; on a knot the value of the span to the right counts.
 from __future__ import annotations
 
 import numpy as np
+from elasticity import samples
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, quadrature
-from dlo_sim.core.elasticity import samples
 
 Array = NDArray[np.float64]
 

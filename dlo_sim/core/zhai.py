@@ -1,4 +1,4 @@
-"""The two parameters of Zhai's explicit two-step method, and the search for the best pair.
+"""The two parameters of Zhai's explicit two-step method.
 
     x1 = x0 + tau v0 + tau^2 ((1/2 + psi) a0 - psi a_before)
     v1 = v0 + tau ((1 + phi) a0 - phi a_before)
@@ -17,16 +17,9 @@ Source: Zhai 1996, eqs. 3-4; the remarks are derived here and tested.
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import product
-from operator import itemgetter
-
-import numpy as np
 
 from dlo_sim.core.amplification import stability_limit
 from dlo_sim.core.methods import METHODS, Method
-
-GRID = 7  # points per axis of one pass of the search
-SHRINK = 0.4  # of the searched square from pass to pass
 
 
 def with_parameters(psi: float, phi: float) -> Method:
@@ -36,16 +29,3 @@ def with_parameters(psi: float, phi: float) -> Method:
         return method
     method = replace(method, zhai_pair=(psi, phi), order=2 if phi == 0.5 else 1)
     return replace(method, stability_limit=stability_limit(method))
-
-
-def best_pair(passes: int = 9) -> tuple[float, float, float]:
-    """The pair with the largest stability limit, (psi, phi, limit), by a shrinking grid."""
-    best, size = (0.0, 0.0, -1.0), 0.5
-    centre = (0.47, 0.52)  # off the round numbers, so that the answer is found and not put in
-    for _ in range(passes):
-        shifts = (size * np.linspace(-1.0, 1.0, GRID)).tolist()
-        for psi, phi in product(*([middle + shift for shift in shifts] for middle in centre)):
-            limit = with_parameters(psi, phi).stability_limit
-            best = max(best, (psi, phi, limit), key=itemgetter(2))
-        centre, size = best[:2], size * SHRINK
-    return best

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from differences import assert_limit
+from elasticity import Section, energies, gradient, samples, strains
 
 from dlo_sim.core import bspline, quadrature
-from dlo_sim.core.elasticity import Section, energies, gradient, samples, strains
 
 LENGTH = 1.3
 SECTION = Section(

@@ -3,8 +3,7 @@ carry."""
 
 import numpy as np
 import pytest
-
-from dlo_sim.core.plasticity import Law, carried
+from plasticity import Law, carried
 
 EI = 0.05
 AXIS = np.array([0.0, 0.6, 0.8])

@@ -1,11 +1,6 @@
 """Numbers of random examples: few in every test run, many with `--hypothesis-profile=long`."""
 
-import sys
-from pathlib import Path
-
 from hypothesis import HealthCheck, settings
-
-sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 
 KEPT = {"deadline": None, "database": None, "suppress_health_check": list(HealthCheck)}
 settings.register_profile("quick", max_examples=20, derandomize=True, **KEPT)

@@ -1,5 +1,6 @@
 """The discrete gradient: exact change of the energy, no resultant, and its tangent."""
 
+import elasticity
 import numpy as np
 import pytest
 from cables import BY_SPAN, FLAT, FULL, Bench, wild
@@ -8,7 +9,7 @@ from numba import float64, int64, void
 
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.pieces import ARRAY_2D, piece
-from dlo_sim.core import elasticity, spectrum
+from dlo_sim.core import spectrum
 from dlo_sim.engine.arrays import CURVED, SPAN_STRETCH, cable_at
 from dlo_sim.engine.assembly import discrete_gradient
 from dlo_sim.engine.band import clear_band

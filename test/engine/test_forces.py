@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 
+import elasticity
 import numpy as np
 import pytest
 from cables import BY_SPAN, FLAT, FULL, SOFT, Bench, inflected, rotation, straight, wild
 from differences import assert_limit
 
-from dlo_sim.core import elasticity
 from dlo_sim.engine.arrays import SPAN_STRETCH
 
 GAUSS = {"discretization.quadrature": "gauss", "discretization.samples": 3}

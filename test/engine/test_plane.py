@@ -1,10 +1,9 @@
 """Planar scenes compute with two coordinates: same energies, forces, stiffness as in space."""
 
+import elasticity
 import numpy as np
 import pytest
 from cables import SOFT, Bench, wild
-
-from dlo_sim.core import elasticity
 
 # Normal of the plane -> a direction in it. Both right-handed and left-handed pairs of axes occur.
 PLANES = {0: [0.0, 0.8, 0.6], 1: [0.8, 0.0, 0.6], 2: [0.6, 0.8, 0.0]}

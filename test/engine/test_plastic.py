@@ -1,13 +1,14 @@
 """Plastic bending: equal to the law, exact gradient, a set in a whole run, energy account."""
 
+import elasticity
 import numpy as np
 import pytest
 from cables import FLAT, SOFT, Bench, scene_of, simulator, straight, wild
 from differences import assert_limit
+from plasticity import Law, carried
 
-from dlo_sim.core import bspline, elasticity
+from dlo_sim.core import bspline
 from dlo_sim.core.methods import IMPLICIT, METHODS
-from dlo_sim.core.plasticity import Law, carried
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.simulator import Simulator

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from cables import BY_SPAN, FLAT, FREE, FULL, SOFT, Bench, inflected, straight, wild
+from elasticity import samples
 
 from dlo_sim.core import bspline
-from dlo_sim.core.elasticity import samples
 from dlo_sim.engine.arrays import SPAN_STRETCH
 
 BETA = 3e-3

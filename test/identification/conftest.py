@@ -1,12 +1,6 @@
-"""Makes the helpers beside the rooms importable, and simulated recordings for every test."""
-
-import sys
-from pathlib import Path
+"""Simulated recordings for every test of this room."""
 
 import pytest
-
-sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
-sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 
 
 @pytest.fixture(scope="session")

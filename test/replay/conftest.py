@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,8 +10,6 @@ import pytest
 from dlo_sim.replay.bags import BagWriter
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import cdr
-
-sys.path.append(str(Path(__file__).parents[1]))
 
 MS = 1_000_000
 SECOND = 1_000_000_000

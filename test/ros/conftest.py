@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 from collections.abc import Callable, Iterator
 from itertools import count
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -15,7 +13,6 @@ import pytest
 if TYPE_CHECKING:
     from node_harness import NodeProcess, Peer
 
-sys.path.append(str(Path(__file__).parent))  # tests are imported without a package
 
 # This host only, and no shared memory: a killed node would leave its segments behind.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

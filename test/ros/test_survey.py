@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
-sys.path.append(str(Path(__file__).parents[1]))  # tests are imported without a package
 
 from fake_simulator import FakeSimulator
 from geometry_msgs.msg import PoseStamped, WrenchStamped

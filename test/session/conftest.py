@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
-
-# Tests are imported without a package.
-sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
-
 from session_bench import FREE, GRIPPER, LOADED, Bench
 
 

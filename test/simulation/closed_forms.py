@@ -7,13 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
+import elasticity
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
-from dlo_sim.core import bspline, elasticity, quadrature
+from dlo_sim.core import bspline, quadrature
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.simulator import Simulator
 

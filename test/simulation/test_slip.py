@@ -1,12 +1,13 @@
 """Bending of a cable whose strands slip (`plasticity`), with implicit methods, a natural curvature
 and the material frame."""
 
+import elasticity
 import numpy as np
 import pytest
 from cables import SOFT, simulator
+from plasticity import Law
 
-from dlo_sim.core import elasticity, rotations
-from dlo_sim.core.plasticity import Law
+from dlo_sim.core import rotations
 
 EI, NATURAL = 0.02, 1.5
 STRANDS = {"plasticity.yield_curvature": 0.8, "plasticity.hardening": 0.4}

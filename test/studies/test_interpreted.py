@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 
+import elasticity
 import numpy as np
 import pytest
 
-from dlo_sim.core import bspline, elasticity, quadrature
+from dlo_sim.core import bspline, quadrature
 from dlo_sim.core.methods import METHODS, RUNGE_KUTTA, SPLITTING, ZHAI, Method
 from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.simulator import Simulator

@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.append(str(Path(__file__).parent))  # tests are imported without a package
-
 from made_runs import PERIOD, TIMES, VALUES, Made, write_bag
 
 from dlo_sim.scene.loading import scene_from_values

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.core import bspline, elasticity, mass, quadrature
+from dlo_sim.core import bspline, mass, quadrature
 from dlo_sim.scene.description import Scene
 from dlo_sim.studies.report import Array
 
@@ -23,8 +23,10 @@ class Wire:
         self.knots = bspline.clamped_knots(n, scene.cable.length)
         choice = scene.discretization
         rule = quadrature.uniform if choice.quadrature == "uniform" else quadrature.gauss
-        samples = rule(bspline.breaks(self.knots), choice.samples)
-        u, self._weights = elasticity.samples(samples, self.knots)
+        breaks = bspline.breaks(self.knots)
+        samples = rule(breaks, choice.samples)
+        used = samples.weights != 0.0  # the rest is padding
+        u, self._weights = samples.places(breaks)[used], samples.weights[used]
         self._slopes = bspline.evaluate(np.eye(n), self.knots, u, 1)
         self._curls = bspline.evaluate(np.eye(n), self.knots, u, 2)
         self._mass = scene.cable.mu * mass.dense(mass.gram(self.knots))

@@ -1,5 +1,5 @@
 """Plastic bending of one section: yield, flow and set. Plain numpy; the oracle for
-`engine.plasticity`.
+`dlo_sim.engine.plasticity`.
 
 The curvature vector kappa splits into an elastic part and the plastic curvature p. The moment is
 M = EI (kappa - p), the back moment of linear kinematic hardening is H p, and with the yield moment
