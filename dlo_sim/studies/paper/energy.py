@@ -109,7 +109,7 @@ def _regular(paper: Paper) -> None:
     duration = 200.0 if paper.quick else 5000.0
     soft = softened(scenario(1), paper.factor)
     scene = soft.with_values({"discretization.control_points": 4})
-    every = duration / 5000.0
+    every = duration / (1000.0 if paper.quick else 5000.0)
     fine = run(at_method(scene, "forest_ruth", published.STEP / 4), duration, every)
     found = {}
     for method in COMPARED:

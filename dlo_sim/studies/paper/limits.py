@@ -14,7 +14,7 @@ from dlo_sim.simulation.recording import record
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.paper import published, wires
 from dlo_sim.studies.paper.wires import COMPARED, NEGLIGIBLE, SCENARIOS, Paper, scenario
-from dlo_sim.studies.runs import at_method, bisected, distance, each, run
+from dlo_sim.studies.runs import UNESTIMATED, at_method, bisected, distance, each, run
 
 STEPS = published.DURATION / published.STEP  # of the paper in its Tables 1 to 4
 PIECE = 100  # steps between two energy checks
@@ -149,7 +149,8 @@ def _paper_rows(paper: Paper) -> None:
     for name, change, wire in wanted:
         method, _, where = name.partition(", ")
         try:
-            recording = record(at_method(wire, method, published.STEP), duration, 0.01)
+            at_2_ms = at_method(wire.with_values(UNESTIMATED), method, published.STEP)
+            recording = record(at_2_ms, duration, 0.01)
         except SceneError as refusal:
             reason = str(refusal).partition(";")[0].partition(" (")[0]
             rows.append([name, change, f"refused: {reason}", None, None, None, None])
