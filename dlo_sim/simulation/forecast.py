@@ -9,10 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import arguments, bspline
-from dlo_sim.core.strain import strain
-from dlo_sim.scene.description import Scene
-from dlo_sim.simulation.recorder import Recorder
+from dlo_sim.core import arguments
 from dlo_sim.simulation.report import Report
 
 Array = NDArray[np.float64]
@@ -100,19 +97,3 @@ def shape_times(times: Array, every: float) -> Array:
     if not 0.0 < every <= times[-1]:
         raise ValueError(f"every: {every:g} s; give one above 0 s, up to the {times[-1]:g} s")
     return every * np.arange(1, math.floor(times[-1] / every + 1e-9) + 1)
-
-
-def forecast_of(scene: Scene, report: Report, recorder: Recorder, times: Array) -> Forecast:
-    """The shapes that were recorded along a plan, at these times from its beginning [s]."""
-    u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
-    model, place = recorder.model, recorder.points[:, :, :3]
-    shape, cable = strain(model.knots, u), scene.cable
-    return Forecast(
-        times=times[: recorder.count],
-        control_points=recorder.control_points,
-        u=u,
-        centerline=bspline.evaluate(np.eye(model.n), model.knots, u) @ place + model.origin,
-        curvature=shape.curvature(place),
-        tension=None if scene.without_tension else shape.tension(place, cable.EA, cable.EI),
-        report=report,
-    )

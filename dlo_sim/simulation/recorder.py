@@ -2,15 +2,34 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_sim.core import bspline
+from dlo_sim.core.strain import strain
 from dlo_sim.engine.arrays import Records
+from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.arrays import without_margins
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
+
+
+class Shapes(NamedTuple):
+    """Shapes of a cable at material coordinates u [m], shape (n_c,).
+
+    Attributes:
+        centerline: points of the cable [m], shape (T, n_c, 3). curvature: [1/m], shape (T, n_c).
+        tension: [N], shape (T, n_c); None if the shape does not determine it.
+    """
+
+    u: Array
+    centerline: Array
+    curvature: Array
+    tension: Array | None
 
 
 class Recorder:
@@ -69,3 +88,15 @@ class Recorder:
     def control_points(self) -> Array:
         """x, y, z [m] and theta [rad] of the samples taken, world frame, shape (count, n, 4)."""
         return self.model.in_world(self.points)
+
+    def along(self, scene: Scene) -> Shapes:
+        """The shapes of the samples taken, at outputs.centerline_samples places of the cable."""
+        model, cable, points = self.model, scene.cable, self.points[:, :, :3]
+        u = np.linspace(0.0, cable.length, scene.outputs.centerline_samples)
+        shape = strain(model.knots, u)
+        return Shapes(
+            u=u,
+            centerline=bspline.evaluate(np.eye(model.n), model.knots, u) @ points + model.origin,
+            curvature=shape.curvature(points),
+            tension=None if scene.without_tension else shape.tension(points, cable.EA, cable.EI),
+        )

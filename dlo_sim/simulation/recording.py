@@ -9,8 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import bspline
-from dlo_sim.core.strain import strain
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 from dlo_sim.simulation.recorder import Recorder
@@ -152,18 +150,15 @@ def record_simulator(
     wall_s, report, counts = _run(simulator, estimate, duration, recorder, progress, tell)
     report = judged(report, recorder)
     count, control_points = recorder.count, recorder.control_points
-    u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
-    basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
-    shape, points = strain(simulator.model.knots, u), recorder.points[:, :, :3]
-    cable, known = scene.cable, not scene.without_tension
+    shapes = recorder.along(scene)
     error = simulator.energy_error
     return Recording(
         time=recorder.times[:count],
         control_points=control_points,
-        centerline=basis @ points + simulator.model.origin,
-        centerline_u=u,
-        tension=shape.tension(points, cable.EA, cable.EI) if known else None,
-        curvature=shape.curvature(points),
+        centerline=shapes.centerline,
+        centerline_u=shapes.u,
+        tension=shapes.tension,
+        curvature=shapes.curvature,
         energy=energies_at(
             recorder.times[:count], recorder.energies[:count], simulator.step, every
         ),

@@ -50,7 +50,6 @@ from dlo_sim.simulation.forecast import (
     Forecast,
     Plan,
     checked_times,
-    forecast_of,
     shape_times,
 )
 from dlo_sim.simulation.frequency import largest_frequency, with_grasps_and_contact
@@ -539,7 +538,8 @@ class Simulator:
         samples, now = shape_times(times, every), self.time
         at = np.minimum(now + samples, now + times[-1])
         report, recorder = future.record_along(now + times, poses, at)
-        return forecast_of(self.scene, report, recorder, samples)
+        count, shapes = recorder.count, recorder.along(self.scene)
+        return Forecast(samples[:count], recorder.control_points, *shapes, report)
 
     def _until_look(self, steps: int) -> int:
         """At most `steps`, and none beyond the next look at a straight cable. One that is bent will
