@@ -16,6 +16,7 @@ from dlo_sim.engine.grasps import TWIST
 from dlo_sim.methods import between_steps
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.following import twist_angles
 from dlo_sim.simulation.geometry import Geometries, Geometry, given_quaternion, known_holder
 
 Array = NDArray[np.float64]
@@ -178,7 +179,8 @@ class EndDrive:
             place = arguments.numbers(f"position of {end}", position, (3,), "m")
         # The twist angle changes by the part of the rotation about the tangent.
         way = one_rotation.turn_between(old_orientation.tolist(), turned.tolist())
-        twist = _twist_about(way, rotations.rotate(old_orientation, self._direction(end)))
+        axis = rotations.rotate(old_orientation, self._direction(end))
+        twist = float(twist_angles(np.array(way), axis))
         self.follow(end, t, EndMotion.resting(place, turned, t), twist)
 
     def check_motion(
@@ -377,13 +379,3 @@ def apart(pose: tuple[Array, Array], position: Array, orientation: Array) -> tup
     way = math.dist(pose[0].tolist(), position.tolist())
     turn = one_rotation.turn_between(pose[1].tolist(), orientation.tolist())
     return way, math.hypot(*turn)
-
-
-def _twist_about(rotation: ArrayLike, axis: Array) -> float:
-    """Twist angle [rad] of a rotation vector about an axis (swing-twist decomposition)."""
-    angle = float(np.linalg.norm(rotation))
-    norm = float(np.linalg.norm(axis))
-    if angle == 0.0 or norm == 0.0:
-        return 0.0
-    along = float(np.dot(rotation, axis)) / (norm * angle)
-    return float(2.0 * np.arctan2(np.sin(0.5 * angle) * along, np.cos(0.5 * angle)))

@@ -135,8 +135,15 @@ def motions_along(present: Array, grid: Array, path: Array) -> Array:
     rows[:, grasps.TURN + 3 : grasps.ATTACHMENT] = 0.0
     # The twist angle accumulates the part of each step's rotation about the tangent.
     direction = present[grasps.DIRECTION : grasps.DIRECTION + 3]
-    half = 0.5 * np.linalg.norm(turn, axis=1)
-    along = np.sum(turn * rotations.rotate(path[:-1, 3:], direction), axis=1)
-    angle = 2.0 * np.arctan2(0.5 * np.sinc(half / np.pi) * along, np.cos(half))
-    rows[1:, grasps.TWIST] += np.cumsum(angle)[:-1]
+    angles = twist_angles(turn, rotations.rotate(path[:-1, 3:], direction))
+    rows[1:, grasps.TWIST] += np.cumsum(angles)[:-1]
     return rows
+
+
+def twist_angles(turns: Array, axes: Array) -> Array:
+    """Twist angles [rad] of rotation vectors about unit axes, each of shape (..., 3), by the
+    swing-twist decomposition.
+    """
+    half = 0.5 * np.linalg.norm(turns, axis=-1)
+    along = np.sum(turns * axes, axis=-1)
+    return np.asarray(2.0 * np.arctan2(0.5 * np.sinc(half / np.pi) * along, np.cos(half)))
