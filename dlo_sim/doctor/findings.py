@@ -41,17 +41,17 @@ class Finding(NamedTuple):
 
 
 def ok(what: str) -> Finding:
-    """As it should be."""
+    """A finding that needs no action."""
     return Finding(OK, what)
 
 
 def note(what: str, cure: str = "") -> Finding:
-    """Good to know."""
+    """A finding that is worth knowing."""
     return Finding(NOTE, what, cure)
 
 
 def problem(what: str, cure: str) -> Finding:
-    """To be mended."""
+    """A finding that has to be corrected."""
     return Finding(PROBLEM, what, cure)
 
 
@@ -79,7 +79,7 @@ def installation() -> Iterator[Finding]:
 
 
 def cache(base: Path, mine: Path, untrusted: str) -> Finding:
-    """Whether machine code is kept, and that of this version is there.
+    """Whether machine code is cached, and that of this version is present.
 
     Args:
         untrusted: why what is kept there must not be loaded; may be empty.
@@ -124,7 +124,7 @@ def ros_environment(environment: Mapping[str, str]) -> Iterator[Finding]:
 
 
 def of_scene(simulator: Simulator) -> Iterator[Finding]:
-    """What is to be known of a simulator that has been built, without messages."""
+    """Findings about a simulator as it was built, without messages."""
     left_out = "; ".join(f"{name} ({why})" for name, why in simulator.left_out.items())
     computed = ", ".join(simulator.active_terms)
     yield ok(f"active terms: {computed}; inactive: {left_out or 'none'}")

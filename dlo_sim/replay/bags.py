@@ -272,7 +272,7 @@ class BagWriter:
             raise BagError(self.failure) from None
 
     def finish(self) -> None:
-        """Complete the bag and put it in its place, also what there is of it after a `failure`.
+        """Complete the bag and put it in its place, also an incomplete one after a `failure`.
 
         Raises:
             BagError: the place was taken meanwhile.

@@ -36,7 +36,7 @@ LONGEST_GAP = 600 * SECOND
 _PROGRESS_TICKS = 100
 # Part of the progress that opening the bag counts for.
 _OPENING = 0.1
-# A larger part of a topic's messages refused is said, and the replay is not `done`.
+# If more of a topic's messages are refused, the replay says so and is not `done`.
 MOST_REFUSED = 0.05
 
 

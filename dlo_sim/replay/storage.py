@@ -286,7 +286,7 @@ class _Mcap:
             raise DamagedFile("does not have its checksum: some message in it is not as recorded")
 
     def _record(self, kind: int, size: int, data: _Bytes) -> Record | None:
-        """Take in one record of so many bytes; what comes out is a message."""
+        """Read one record of so many bytes; returns it if it is a message."""
         before, message = data.left, None
         if kind == _MESSAGE:
             channel, _, time_ns, _ = struct.unpack("<HIQQ", data.take(22))
@@ -405,7 +405,7 @@ def read_metadata(folder: Path) -> Metadata:
 
 
 def _value(found: Any, keys: str) -> Any:
-    """What there is at keys with dots between them; None if there is nothing."""
+    """The value at keys with dots between them; None if there is none."""
     for key in keys.split("."):
         found = found.get(key) if isinstance(found, Mapping) else None
     return found

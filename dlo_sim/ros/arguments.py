@@ -2,8 +2,8 @@
 
 rcl refuses a list that mixes integers and decimals ("[0, 0, -9.81]"), which in a scene file is
 fine everywhere else; such lists are written out as decimals for it. A params file that does not
-exist or is not YAML is refused in one line. What is for other nodes only, rcl ignores without a
-word; here it is remembered, until the node knows its name.
+exist or is not YAML is refused in one line. rcl silently ignores parameters that are for
+other nodes only; here they are remembered until the node knows its name.
 """
 
 import argparse
@@ -140,7 +140,7 @@ def read_arguments(arguments: Sequence[str]) -> Iterator[NodeArguments]:
 
 
 def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
-    """What is for the node itself, and the sections for ROS."""
+    """The arguments of the node itself, and the sections for ROS."""
     own: list[str] = []
     for_ros: list[str] = []
     in_ros_section = False

@@ -58,7 +58,7 @@ class CableNode(GuardedNode):
         return None if self.cable is None else self.cable.failure
 
     def start(self) -> None:
-        """Predict from now on, with an executor that spins the node.
+        """Begin to predict, with an executor that spins the node.
 
         Raises:
             SceneError: the scene is refused.
@@ -67,7 +67,7 @@ class CableNode(GuardedNode):
         self.cable.activate()
 
     def end(self) -> None:
-        """Say goodbye: keep the state, remove the markers from every viewer."""
+        """Save the state, remove the markers from every viewer, and drop the cable."""
         if self.cable is not None:
             self.cable.close()
             self.cable = None
@@ -86,10 +86,10 @@ class ManagedCableNode(LifecycleNodeMixin, CableNode):
         self._show_parameters()
 
     def start(self) -> None:
-        """Nothing: the lifecycle begins unconfigured."""
+        """Do nothing: the lifecycle begins unconfigured."""
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Load the scene and compile; a refused one can be mended and tried again."""
+        """Load the scene and compile; after a refusal it can be corrected and configured again."""
         return self._done(self._configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -128,7 +128,7 @@ class ManagedCableNode(LifecycleNodeMixin, CableNode):
         self._show_parameters()
 
     def _show_parameters(self) -> None:
-        """Have the overrides as parameters of any type and take what is set for overrides."""
+        """Declare the overrides with any type; what is set from now on changes the overrides."""
         for name, value in self.overrides.items():
             if value is not None and not self.has_parameter(name):
                 self.set_parameters([NodeParameter(name, value=value)])
@@ -167,13 +167,13 @@ class ManagedCableNode(LifecycleNodeMixin, CableNode):
 
 
 class Makers(NamedTuple):
-    """What makes the node of a cable, and one of its name to say why there is no cable."""
+    """Functions that make the node of a cable, and one of its name that can report why it ended."""
 
     cable: Callable[[], CableNode]
     bare: Callable[[], GuardedNode]
 
     def keep_saying(self, reason: str, running: Sequence[str]) -> None:
-        """Publish once a second why there is no cable, as long as others run."""
+        """Publish the reason for the end once a second, as long as other cables run."""
         if not running:
             return
         try:

@@ -39,11 +39,11 @@ class _Worker(threading.Thread):
 
     Args:
         example: a pickled simulator, to load machine code with.
-        plans: pickled plans. answers: what comes of them.
+        plans: pickled requests. answers: their results.
 
     Attributes:
         process: the present process; None before the first one.
-        trouble: why no process can be started, one line; empty while there is one.
+        trouble: why no process can be started, one line; empty while one runs.
         failed_starts: how often none could be started.
     """
 
@@ -131,7 +131,7 @@ class _Worker(threading.Thread):
 
 
 class Forecaster:
-    """Takes the plans of a session and hands back what comes of them.
+    """Hands the plans of a session to processes, and back the messages about them.
 
     Args:
         topic: name of ~/plan on the wire.
@@ -214,7 +214,7 @@ class Forecaster:
 
 
 def _work(connection: Connection, example: bytes) -> None:
-    """Say None when ready, then answer plans until the other side is closed."""
+    """Send None when ready, then answer requests until the other side is closed."""
     simulator: Simulator = pickle.loads(example)
     simulator.forecast(Plan([0.0, simulator.step], {}), simulator.step)  # loads machine code
     found: Answer | None = None

@@ -1,7 +1,7 @@
 """A node whose user input cannot raise out of rclpy.
 
-rclpy gives a node a time source and parameter services of its own. Both raise on messages that ROS
-can carry and they cannot hold, and whatever a callback raises ends the process. They subscribe and
+rclpy gives a node a time source and parameter services of its own. Both raise on some valid
+messages, and an exception in a callback ends the process. They subscribe and
 serve by the node's own methods, so this is where their messages are checked.
 """
 
@@ -93,7 +93,7 @@ class GuardedNode(Node):
     def create_service(
         self, srv_type: Any, name: str, callback: Callable[..., Any], *args: Any, **options: Any
     ) -> Any:
-        """As of every node; a parameter of a type that there is not comes without a value."""
+        """As of every node; a parameter of an unknown type is passed on without a value."""
         if srv_type in (SetParameters, SetParametersAtomically):
             callback = partial(_pass_on_parameters, callback)
         return super().create_service(srv_type, name, callback, *args, **options)

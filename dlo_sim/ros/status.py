@@ -203,7 +203,7 @@ class InputSources:
 
     @property
     def problems(self) -> list[str]:
-        """What is wrong, one line each."""
+        """One line for each thing that is wrong."""
         lines = [
             f"{node} publishes {other} on {self.topic}, the input takes {self.type}; publish that"
             for node, other in self.mismatched

@@ -1,4 +1,4 @@
-"""What there is on the topics of a scene, looked at for a while: publishers, messages, stamps."""
+"""Listens to the topics of a scene for a while: publishers, messages, stamps."""
 
 import time
 from collections.abc import Callable
@@ -44,7 +44,7 @@ class Survey:
     """What was found.
 
     Attributes:
-        rmw: the middleware. simulated_time: somebody publishes /clock.
+        rmw: the middleware. simulated_time: whether /clock is published.
         offset: clock minus stamps [s]; None without a message.
         heard: one for each input topic.
     """
@@ -57,7 +57,7 @@ class Survey:
 
 @dataclass
 class _Listening:
-    """Counts what comes on its way to the session."""
+    """Counts messages on their way to the session."""
 
     session: Session
     now: Callable[[], int]

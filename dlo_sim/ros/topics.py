@@ -39,8 +39,8 @@ def input_qos(kind: str) -> QoSProfile:
     """How an input of a ROS type is subscribed.
 
     Best effort as sensors publish, so that every publisher matches, but a deeper queue than the
-    usual 5: a tick that takes 20 ms must not lose a 500 Hz wrench. A Bool is said once and must not
-    be lost.
+    usual 5: a tick that takes 20 ms must not lose a 500 Hz wrench. A Bool is published once and
+    must not be lost.
     """
     once = kind == BOOL
     reliability = ReliabilityPolicy.RELIABLE if once else ReliabilityPolicy.BEST_EFFORT
@@ -92,9 +92,7 @@ class Outputs:
         return {topic: kind for topic, kind in MARKERS.items() if topic in self._publishers}
 
     def readers(self) -> tuple[set[str], set[str]]:
-        """The topics that somebody reads, and those for which somebody has come since the last
-        call.
-        """
+        """The topics with subscribers, and those with new subscribers since the last call."""
         read, joined = set(), set()
         for topic, publisher in self._publishers.items():
             before = self._readers.get(topic, 0)

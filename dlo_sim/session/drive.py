@@ -110,7 +110,7 @@ class Drive:
 
     @property
     def _driven(self) -> Simulator | ErrorEstimate:
-        """The simulator, alone or with its companions, to be stepped, moved and loaded."""
+        """What is stepped, moved and loaded: the simulator, alone or with its refined runs."""
         return self.simulator if self.estimate is None else self.estimate
 
     @property
@@ -297,7 +297,7 @@ class Drive:
         return after - before
 
     def spare_estimate(self) -> bool:
-        """Drop the companions unless accuracy.estimate is on; returns whether any were dropped."""
+        """Stop estimating errors unless accuracy.estimate is on; returns whether it has stopped."""
         if self.estimate is None or self.scene.accuracy.estimate == "on":
             return False
         self.estimate, self._too_slow = None, True
@@ -306,7 +306,7 @@ class Drive:
     def resume_estimate(self) -> bool:
         """Estimate again from the present state after `spare_estimate`; returns whether it does.
 
-        Not with sine loads, whose phase new companions would begin anew.
+        Not with sine loads, whose phase new refined runs would begin anew.
         """
         if any(load.signal == "sine" for load in self.scene.loads):
             return False

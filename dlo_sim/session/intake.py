@@ -34,7 +34,7 @@ MOST_DISTANT = 1e8
 # The distance of two points may differ from pose_spacing by this share.
 SPACING_TOLERANCE = 0.1
 
-# What is said of positions that are as expected if divided by 1000.
+# The remark about positions that are as expected if divided by 1000.
 MILLIMETRES = "1000 times too large: metres?"
 # In cable lengths: a pose may be so far from where the scene expects it without suspicion, and is
 # suspected if a thousandth of it is no further away than this.

@@ -4,7 +4,7 @@ A measurement is used at the first step not before its stamp. Each point is assi
 point of the predicted centerline; points further away than `measured.gate` are rejected. The gains
 are those of `core.error_filter`. Corrections that have to be repeated are attributed to a force
 that the model lacks, which continues to act. The energy that a correction adds to the cable enters
-the energy account.
+the energy balance.
 """
 
 from __future__ import annotations

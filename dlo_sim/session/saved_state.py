@@ -170,7 +170,8 @@ class StateKeeper:
         self._writing: Future[None] | None = None
 
     def found(self, scene: Scene) -> Snapshot | None:
-        """The state to go on from, if there is one. The file is this cable's until `release`.
+        """The saved state from which to continue; None if there is none. No other cable
+        of this process can use the file until `release`.
 
         Raises:
             SceneError: nothing can be written there, another cable of this process writes there, or
@@ -215,7 +216,7 @@ class StateKeeper:
     def _write(self, path: Path, saved: Snapshot) -> None:
         try:
             save_state(path, saved)
-        except Exception as error:  # of a thread that nobody waits for
+        except Exception as error:  # no one waits for this thread
             self._log.warning(
                 f"state.save_to: {path} cannot be written ({one_line(str(error))}); free space or "
                 "choose another folder",
@@ -230,6 +231,6 @@ class StateKeeper:
         self._writer.shutdown()
 
     def release(self) -> None:
-        """Leave the file that `found` took to whoever comes next."""
+        """Let another cable of this process use the file."""
         if self._path is not None:
             _in_use.discard(self._path)
