@@ -29,7 +29,7 @@ def copy(source, target):
             store(target, line, c, load(source, line, c))
 
 
-@piece(void, float64, LINES, LINES)
+@part
 def add(scale, x, out):
     """out += scale x."""
     for line in range(x.shape[0]):
@@ -153,7 +153,7 @@ def weight_energy(cable, x):
     return lane_sum(energy), lane_sum(large)
 
 
-@piece(void, CABLE, LINES)
+@part
 def solve_mass(cable, x):
     """x <- M^-1 x by forward and back substitution; lines interleave, which hides latencies."""
     factors, lines, dim = cable.linear.factors, cable.lines, cable.dim

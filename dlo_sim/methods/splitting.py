@@ -53,23 +53,25 @@ def drift(cable, t, dt):
 def splitting_step(cable, method, step, tau):
     """Step number `step`, of length tau. Stage times are (step + sum of c_i) tau."""
     c, d, results = method.drift, method.kick, cable.work.results
-    works = has_work(cable)
+    works, fresh = has_work(cable), results.forces_known != 0.0
     if works and c[0] != 0.0 and cable.state.balance.is_counted == 0.0:
         evaluate(cable, step * tau)
-    elapsed = 0.0
+    elapsed, evaluations = 0.0, 0
     decay_flow(cable, 0.5 * tau)
     for stage in range(method.stages):
         if c[stage] != 0.0:
             elapsed += c[stage]
             drift(cable, (step + elapsed) * tau, c[stage] * tau)
-            results.forces_known = 0.0
+            fresh = False
         if d[stage] != 0.0:
-            if results.forces_known == 0.0:
+            if not fresh:
                 evaluate(cable, (step + elapsed) * tau)
-                results.evaluations += 1.0
-                results.forces_known = 1.0
+                evaluations += 1
+                fresh = True
             add(d[stage] * tau, cable.work.force, cable.state.w)
-    if works and results.forces_known == 0.0:
+    if works and not fresh:
         estimate_pending_work(cable)
     decay_flow(cable, 0.5 * tau)
+    results.evaluations += evaluations
+    results.forces_known = 1.0 if fresh else 0.0
     return True
