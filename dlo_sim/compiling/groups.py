@@ -360,7 +360,8 @@ else:
         return word
 
     @lower_getattr_generic(GroupKind)
-    def _field(context: Any, builder: Any, group: GroupKind, table: Any, name: str) -> Any:
+    def read_field(context: Any, builder: Any, group: GroupKind, table: Any, name: str) -> Any:
+        """Lower `group.name`."""
         at = 0
         for field, kind in group.fields.items():
             if field == name:

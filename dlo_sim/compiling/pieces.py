@@ -3,7 +3,7 @@
 A `part` is compiled into the functions that call it. A `Piece` is a function of a fixed signature
 with machine code of its own, compiled at its first use and cached on disk; other compiled functions
 call it by its address, so that its code is not compiled again into each of them. A piece of a term
-is loaded only for scenes with that term.
+is loaded only for scenes with that term, and a call on arrays without it does nothing.
 
 Settings: error_model numpy (a division by zero gives inf, which the divergence checks detect, not
 an exception); fastmath {contract} (fused multiply-add only; NaN and the order of sums are kept).
@@ -45,13 +45,16 @@ class Piece:
     """A compiled function of a fixed signature, to be called from Python and from compiled code.
 
     Attributes:
-        terms: bits of the terms that need it; 0: every scene may.
+        terms: bits of the terms that need it; 0: every scene may. If its first argument is a group
+            with a number `terms` that has none of these bits, a call does nothing and returns zero.
     """
 
     def __init__(self, function: Callable[..., Any], signature: Any, terms: int) -> None:
         self.__doc__ = function.__doc__
         self.function, self.terms = function, terms
         self._signature = signature
+        fields = getattr(signature.args[0], "fields", {}) if signature.args else {}
+        self.asks_for_terms = terms != 0 and "terms" in fields
         self._code: Callable[..., Any] | None = None
         self._native: Any = None  # keeps the machine code that `_address` points to
         self._address = np.zeros(1, dtype=np.int64)
@@ -126,6 +129,8 @@ class Piece:
 
     def __call__(self, *arguments: Any) -> Any:
         """Call it from Python; `code` for other terms than those of every scene."""
+        if self.asks_for_terms and not arguments[0].terms & self.terms:
+            return 0
         return self.code()(*arguments)
 
 
@@ -175,7 +180,10 @@ if config.DISABLE_JIT:
 
 else:
     from llvmlite import binding, ir
+    from numba.core import cgutils
     from numba.extending import lower_builtin, type_callable
+
+    from dlo_sim.compiling.groups import read_field
 
     def _make_callable(called: Piece, signature: Any, cell: int) -> None:
         """Let compiled code call a piece: at the address that the memory at `cell` contains.
@@ -197,11 +205,21 @@ else:
             at = builder.module.globals.get(called.name)
             if at is None:
                 at = ir.GlobalVariable(builder.module, ir.IntType(64), called.name)
-            native = builder.inttoptr(builder.load(at), kind.as_pointer())
-            result = builder.call(native, values)
-            if signature.return_type == types.void:
-                return context.get_dummy_value()
-            return result
+            void = signature.return_type == types.void
+            result = None if void else cgutils.alloca_once(builder, kind.return_type)
+            if result is not None:
+                builder.store(ir.Constant(kind.return_type, None), result)
+            present = ir.Constant(ir.IntType(1), 1)
+            if called.asks_for_terms:
+                terms = read_field(context, builder, signature.args[0], values[0], "terms")
+                mask = ir.Constant(terms.type, called.terms)
+                present = builder.icmp_signed("!=", builder.and_(terms, mask), mask.type(0))
+            with builder.if_then(present):
+                native = builder.inttoptr(builder.load(at), kind.as_pointer())
+                found = builder.call(native, values)
+                if result is not None:
+                    builder.store(found, result)
+            return context.get_dummy_value() if result is None else builder.load(result)
 
         type_callable(called)(typed)
         lower_builtin(called, *signature.args)(code)

@@ -38,10 +38,13 @@ DRAG = 4096  # anisotropic air drag
 STATIC_TWIST = 8192  # twist without inertia, in equilibrium at the end of each step
 THINNED = 16384  # rate-thinning viscosity of bending
 GUARDED = 32768  # spans are kept from turning over (`terms.span_guard`)
+BORDERED = 1 << 16  # a place between control points may be held (`engine.band`)
+LOADED = 1 << 17  # wrenches may act
+SPRUNG = 1 << 18  # springs may hold the cable
 
 # Bits of the families of methods, beside those of the terms.
-SPLITTING, RUNGE_KUTTA, ZHAI = 1 << 16, 1 << 17, 1 << 18
-CONSTRAINED, IMPLICIT = 1 << 19, 1 << 20
+SPLITTING, RUNGE_KUTTA, ZHAI = 1 << 19, 1 << 20, 1 << 21
+CONSTRAINED, IMPLICIT = 1 << 22, 1 << 23
 
 ENERGIES = ("stretch", "bend", "twist", "torsion", "plasticity", "gravity", "spring", "contact")
 STRETCHING, BENDING, TWISTING, TORSIONAL, PLASTIC, WEIGHT, SPRING, TOUCHING = range(8)

@@ -1,12 +1,13 @@
-"""Forces and energies of a scene, as the methods call them: the basic terms, then the
-optional ones. A new term is added here; `engine.term` has the signatures of its functions.
+"""Forces and energies of a scene, as the methods call them: the basic terms, then the optional
+ones, whose functions do nothing for a cable without the term. A new term is added here;
+`engine.term` has the signatures of its functions.
 """
 
 from __future__ import annotations
 
 from dlo_sim.compiling.pieces import part
 from dlo_sim.engine import bishop, contact, drag, natural_curvature, plasticity, torsion
-from dlo_sim.engine.arrays import BISHOP, CONTACT, CURVED, DRAG, PLASTICITY, TORSION
+from dlo_sim.engine.arrays import BISHOP, PLASTICITY
 from dlo_sim.engine.elastic import discrete_force
 from dlo_sim.engine.forces import energies, forces
 
@@ -15,30 +16,21 @@ from dlo_sim.engine.forces import energies, forces
 def all_forces(cable, x, out):
     """out = - dU/dq of all terms."""
     forces(cable, x, out)
-    if cable.terms & CURVED:
-        natural_curvature.force(cable, x, x, out)
-    if cable.terms & TORSION:
-        torsion.force(cable, x, x, out)
-    if cable.terms & BISHOP:
-        bishop.force(cable, x, x, out)
-    if cable.terms & CONTACT:
-        contact.add_elastic_force(cable, x, out)
+    natural_curvature.force(cable, x, x, out)
+    torsion.force(cable, x, x, out)
+    bishop.force(cable, x, x, out)
+    contact.add_elastic_force(cable, x, out)
 
 
 @part
 def all_energies(cable, x, out):
     """Potential energies [J] of all terms into `out`, as `forces.energies`."""
     energies(cable, x, out)
-    if cable.terms & CURVED:
-        natural_curvature.energy(cable, x, out)
-    if cable.terms & TORSION:
-        torsion.energy(cable, x, out)
-    if cable.terms & BISHOP:
-        bishop.energy(cable, x, out)
-    if cable.terms & PLASTICITY:
-        plasticity.energy(cable, x, out)
-    if cable.terms & CONTACT:
-        contact.energy(cable, x, out)
+    natural_curvature.energy(cable, x, out)
+    torsion.energy(cable, x, out)
+    bishop.energy(cable, x, out)
+    plasticity.energy(cable, x, out)
+    contact.energy(cable, x, out)
 
 
 @part
@@ -47,23 +39,20 @@ def discrete_gradient(cable, x0, x1, moved, viscous, out):
     these dissipate (`elastic.discrete_force`). Implicit steps treat twist and contact apart.
     """
     lost = discrete_force(cable, x0, x1, moved, viscous, out)
-    if cable.terms & CURVED:
-        natural_curvature.gradient(cable, x0, x1, out)
+    natural_curvature.gradient(cable, x0, x1, out)
     return lost
 
 
 @part
 def add_damping(cable, x, moved, scale, out):
     """out -= scale C(x) moved of the terms whose damping depends on the shape."""
-    if cable.terms & DRAG:
-        drag.drag_force(cable, x, moved, scale, out)
+    drag.drag_force(cable, x, moved, scale, out)
 
 
 @part
 def add_damping_tangent(cable, x, scale, band):
     """band += scale C(x) of the terms whose damping depends on the shape."""
-    if cable.terms & DRAG:
-        drag.drag_tangent(cable, x, scale, band)
+    drag.drag_tangent(cable, x, scale, band)
 
 
 @part
@@ -71,8 +60,6 @@ def flow(cable):
     """Update the internal variables of the terms at the end of a step. Return whether that may
     change the forces, so that the next step must evaluate them again.
     """
-    if cable.terms & BISHOP:
-        bishop.follow_shape(cable)
-    if cable.terms & PLASTICITY:
-        plasticity.plastic_flow(cable)
+    bishop.follow_shape(cable)
+    plasticity.plastic_flow(cable)
     return cable.terms & (BISHOP | PLASTICITY) != 0

@@ -30,7 +30,7 @@ from numba import boolean, float64, int64, void
 from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES, lane
 from dlo_sim.compiling.pieces import NO, YES, part, piece
-from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, PADDING, VECTOR
+from dlo_sim.engine.arrays import BORDERED, CABLE, LINES, MARGIN, PADDING, VECTOR
 from dlo_sim.terms.vectors import cross
 
 # -- the matrix ----------------------------------------------------------------------------------
@@ -395,12 +395,10 @@ def write_border(cable, directions, free, out):
                 out[k, w, r] = spare[window(cable, k, w) + r]
 
 
-@piece(void, CABLE, LINES, LINES)
+@piece(void, CABLE, LINES, LINES, terms=BORDERED)
 def set_border(cable, pushed, kept):
     """Set F with the directions `pushed`, C with the directions `kept`, and (F F^T)^-1."""
     work, border = cable.work, cable.rows.border
-    if bordered(cable) == 0:
-        return
     write_border(cable, pushed, NO, work.border_push)
     write_border(cable, pushed, YES, work.border_force)
     write_border(cable, kept, YES, work.border_condition)
@@ -432,7 +430,7 @@ def invert_in_place(a):
                     a[i, j] -= factor * a[k, j]
 
 
-@piece(void, CABLE, LINES)
+@piece(void, CABLE, LINES, terms=BORDERED)
 def stiffen_border(cable, band):
     """Add F^T C of the rigid rows at one place to the band matrix, each scaled to the largest
     diagonal entry where it acts.
@@ -452,7 +450,7 @@ def stiffen_border(cable, band):
                 band[begin + r, q - r + half] += stiffness / norm * f[r] * c[q]
 
 
-@piece(void, CABLE, LINES, float64)
+@piece(void, CABLE, LINES, float64, terms=BORDERED)
 def solve_border(cable, band, share):
     """Compute Z = K^-1 F^T and (C Z + compliance)^-1 with the LU factors of K. `share`: of the
     stiffness of joints in the matrix, as of the other springs.
@@ -471,7 +469,7 @@ def solve_border(cable, band, share):
     invert_in_place(work.border_system)
 
 
-@piece(void, CABLE, VECTOR)
+@piece(void, CABLE, VECTOR, terms=BORDERED)
 def keep_border(cable, y):
     """Let a correction y, of which unknown r is y[PADDING + r], keep the border rows:
     y <- (1 - Z (C Z + compliance)^-1 C) y.
@@ -489,7 +487,7 @@ def keep_border(cable, y):
             y[r] -= share * z[r]
 
 
-@piece(void, CABLE, VECTOR)
+@piece(void, CABLE, VECTOR, terms=BORDERED)
 def keep_border_transposed(cable, y):
     """The transpose of `keep_border`: y <- (1 - C^T (C Z + compliance)^-T Z^T) y."""
     work, count = cable.work, bordered(cable)
@@ -506,7 +504,7 @@ def keep_border_transposed(cable, y):
         spread(cable, work.border_condition, k, -share, y, PADDING)
 
 
-@part
+@piece(void, CABLE, VECTOR, VECTOR, terms=BORDERED)
 def balance_border(cable, residual, forces):
     """Remove from the residual, whose unknown r is residual[PADDING + r], the part that rigid
     border rows balance; write their forces to the entries of `forces` (rows,).

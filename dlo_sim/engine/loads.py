@@ -12,7 +12,7 @@ from numba import float64, void
 from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES
 from dlo_sim.compiling.pieces import part, piece
-from dlo_sim.engine.arrays import CABLE, LINES, MARGIN
+from dlo_sim.engine.arrays import CABLE, LINES, LOADED, MARGIN
 from dlo_sim.engine.grasps import component
 from dlo_sim.terms.vectors import cross, dot
 
@@ -52,7 +52,7 @@ def load_tangent(cable, x, k):
     return t0, t1, t2
 
 
-@piece(void, CABLE, LINES, float64, LINES)
+@piece(void, CABLE, LINES, float64, LINES, terms=LOADED)
 def load_force(cable, x, t, out):
     """out += generalised forces of the point wrenches at time t."""
     for k in range(cable.loads.count):
@@ -84,7 +84,7 @@ def add_moment(cable, x, k, factor, out):
             out[dim, c + q] += loads.values[k, q] * axial
 
 
-@piece(void, CABLE, LINES, float64, float64, LINES)
+@piece(void, CABLE, LINES, float64, float64, LINES, terms=LOADED)
 def add_load_stiffness(cable, x, t, scale, band):
     """band -= scale times the Jacobian of the load forces: that of moments, by the tangent."""
     dim, half = cable.dim, 4 * cable.dim - 1

@@ -10,10 +10,10 @@ anchor zero. The work of moving anchors belongs to the work of the grasps in the
 
 from __future__ import annotations
 
-from numba import float64, void
+from numba import boolean, float64, void
 
 from dlo_sim.compiling.pieces import part, piece
-from dlo_sim.engine.arrays import CABLE, MARGIN
+from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, SPRUNG
 from dlo_sim.engine.grasps import component, direction_at, moves, prescribed_place
 from dlo_sim.engine.rows import point_value
 
@@ -57,7 +57,7 @@ def push(cable, k, f, out):
             out[line, MARGIN + points.other[point] + q] += points.other_weights[point, q] * f
 
 
-@part
+@piece(void, CABLE, LINES, float64, boolean, LINES, terms=SPRUNG)
 def spring_force(cable, x, share, rolling, out):
     """out += forces of the springs, with anchors at the share `share` of their motion in the step.
 
@@ -113,7 +113,7 @@ def add_roll_change(cable, moved, out):
             push(cable, k, -stiffness * spring_value(cable, k, moved), out)
 
 
-@part
+@piece(float64, CABLE, LINES, terms=SPRUNG)
 def spring_energy(cable, x):
     """Elastic energy of the springs [J]."""
     energy = 0.0
@@ -136,7 +136,7 @@ def target_of(cable, k, t):
     return a[3] if line == cable.dim else component(a, cable.axes[line])
 
 
-@piece(void, CABLE, float64)
+@piece(void, CABLE, float64, terms=SPRUNG)
 def move_anchors(cable, t):
     """Set the anchors of moving grasps to their values at time t."""
     for k in range(cable.rows.springs):
@@ -145,7 +145,7 @@ def move_anchors(cable, t):
             cable.state.anchor[k] = target_of(cable, k, t)
 
 
-@part
+@piece(float64, CABLE, LINES, LINES, terms=SPRUNG)
 def anchor_work(cable, x0, x1):
     """Work [J] of the moving anchors while the cable moves from x0 to x1:
     k (mean anchor - mean value) (change of the anchor), exact if both change linearly in time.

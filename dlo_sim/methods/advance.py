@@ -37,21 +37,21 @@ from dlo_sim.methods.zhai import zhai_step
 
 
 @part
-def take_step(cable, method, step, tau):
+def take_step(method, cable, step, tau):
     """Step number `step` of the scene's method; returns whether it succeeded."""
     if method.family == IMPLICIT:
-        return implicit_step(cable, method, step, tau)
+        return implicit_step(method, cable, step, tau)
     touches = cable.terms & CONTACT != 0 and method.family != CONSTRAINED
     if touches:
         contact.begin_kicks(cable, step * tau, tau)
     if method.family == CONSTRAINED:
-        done = rattle_step(cable, step, tau)
+        done = rattle_step(method, cable, step, tau)
     elif method.family == SPLITTING:
-        done = splitting_step(cable, method, step, tau)
+        done = splitting_step(method, cable, step, tau)
     elif method.family == RUNGE_KUTTA:
-        done = runge_kutta_step(cable, method, step, tau)
+        done = runge_kutta_step(method, cable, step, tau)
     else:
-        done = zhai_step(cable, method, step, tau)
+        done = zhai_step(method, cable, step, tau)
     if touches:
         contact.dissipate(cable, tau)
         if method.family != SPLITTING:  # others keep rates that contain the velocity
@@ -91,7 +91,7 @@ def advance(address, method_address, first, steps, tau, records_address, motions
         if len(shape):
             turn_natural_shape(cable, shape, rotations[done])
         sampling = begin_sample(cable, records, t0, tau)
-        if not take_step(cable, method, step, tau):
+        if not take_step(method, cable, step, tau):
             status = NOT_CONVERGED
         elif (step + 1) % method.check_every == 0:
             if method.family != IMPLICIT and has_work(cable) and results.forces_known == 0.0:

@@ -44,7 +44,6 @@ from dlo_sim.engine.arrays import (
     MOST_CORRECTIONS,
     PADDING,
     STATIC_TWIST,
-    TWISTED,
 )
 from dlo_sim.engine.assembly import (
     add_damping,
@@ -308,7 +307,7 @@ def step_force(cable, t0, tau, discrete):
     return lost
 
 
-@part
+@piece(float64, CABLE, float64, float64)
 def set_residual(cable, a, b):
     """Set `residual` to that of the momentum balance, in the frames of the clamps, and `row_force`
     to the reactions of the constraint rows. Returns the sum |inertia_i change_i| [J].
@@ -475,7 +474,7 @@ def moving(change, least):
     return False
 
 
-@part
+@piece(boolean, CABLE)
 def turned_over(cable):
     """Whether an edge of the control polygon turned by more than a right angle in the step.
 
@@ -520,7 +519,7 @@ def prescribed_energy(cable, directions, inverse, v):
     return energy
 
 
-@part
+@piece(float64, CABLE, boolean, float64, terms=DAMPED)
 def settle_overdamped(cable, moves, tau):
     """Remove the part of the velocity that alternates from step to step, where it exceeds the mean
     velocity; returns its energy [J].
@@ -602,8 +601,7 @@ def finish_step(cable, t0, tau, whole, lost):
     state, work, balance = cable.state, cable.work, cable.state.balance
     change, ahead = work.change, work.rate
     moves = grasps_move(cable)
-    if cable.terms & TWISTED:
-        lost += end_twist(cable, t0, tau)
+    lost += end_twist(cable, t0, tau)
     for line in range(cable.lines):
         for c in range(0, cable.columns, LANES):
             speed = load(work.start_v, line, c)
@@ -717,8 +715,7 @@ def try_step(cable, method, t0, tau, whole, careful):
     balance.slip = 0.5 if discrete else 1.0
     while True:
         lost = step_force(cable, t0, tau, discrete)
-        if coupled:
-            lost += step_twist(cable, t0, tau, discrete, iterations == 0)
+        lost += step_twist(cable, t0, tau, discrete, iterations == 0)
         inertia = set_residual(cable, a, b)
         if converged or iterations == MAX_ITERATIONS:
             break
@@ -785,8 +782,8 @@ def try_step(cable, method, t0, tau, whole, careful):
 # -- a whole step ------------------------------------------------------------------------------
 
 
-@piece(boolean, CABLE, METHOD, int64, float64, terms=IMPLICIT)
-def implicit_step(cable, method, step, tau):
+@piece(boolean, METHOD, CABLE, int64, float64, terms=IMPLICIT)
+def implicit_step(method, cable, step, tau):
     """Step number `step`, of length tau, in the substeps of a composition method, each halved where
     Newton's method does not converge; returns whether it succeeded.
     """

@@ -30,7 +30,7 @@ from numba import boolean, float64, int64, void
 from dlo_sim.compiling.groups import grid, load
 from dlo_sim.compiling.lanes import LANES, lane
 from dlo_sim.compiling.pieces import ARRAY_2D, part, piece
-from dlo_sim.engine.arrays import CABLE, CONSTRAINED, MARGIN, PADDING, cable_at
+from dlo_sim.engine.arrays import CABLE, CONSTRAINED, MARGIN, METHOD, PADDING, cable_at
 from dlo_sim.engine.band import eliminate, substitute, substitute_eight
 from dlo_sim.engine.lines import add, clear, copy, mass_of
 from dlo_sim.engine.rows import add_velocity_of_held, grasps_move
@@ -392,8 +392,8 @@ def verlet_step(cable, t0, tau):
     return good
 
 
-@piece(boolean, CABLE, int64, float64, terms=CONSTRAINED)
-def rattle_step(cable, step, tau):
+@piece(boolean, METHOD, CABLE, int64, float64, terms=CONSTRAINED)
+def rattle_step(_, cable, step, tau):
     """Step number `step`, of length tau; returns whether its constraints could be satisfied."""
     t0, results = step * tau, cable.work.results
     if results.forces_known == 0.0:

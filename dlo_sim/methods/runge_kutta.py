@@ -119,8 +119,8 @@ def to_end(cable, weights, t, tau):
         project(cable, cable.state.w, cable.work.multipliers)
 
 
-@piece(boolean, CABLE, METHOD, int64, float64, terms=RUNGE_KUTTA)
-def runge_kutta_step(cable, method, step, tau):
+@piece(boolean, METHOD, CABLE, int64, float64, terms=RUNGE_KUTTA)
+def runge_kutta_step(method, cable, step, tau):
     """Step number `step`, of length tau."""
     state, work = cable.state, cable.work
     balance, results, b = state.balance, work.results, method.weights

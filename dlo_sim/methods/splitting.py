@@ -49,8 +49,8 @@ def drift(cable, t, dt):
         contact.carry_obstacles(cable, t, cable.state.x)
 
 
-@piece(boolean, CABLE, METHOD, int64, float64, terms=SPLITTING)
-def splitting_step(cable, method, step, tau):
+@piece(boolean, METHOD, CABLE, int64, float64, terms=SPLITTING)
+def splitting_step(method, cable, step, tau):
     """Step number `step`, of length tau. Stage times are (step + sum of c_i) tau."""
     c, d, results = method.drift, method.kick, cable.work.results
     works, fresh = has_work(cable), results.forces_known != 0.0

@@ -54,8 +54,8 @@ def two_step(cable, psi, phi, t, tau):
     add(1.0, mean, w)
 
 
-@piece(boolean, CABLE, METHOD, int64, float64, terms=ZHAI)
-def zhai_step(cable, method, step, tau):
+@piece(boolean, METHOD, CABLE, int64, float64, terms=ZHAI)
+def zhai_step(method, cable, step, tau):
     """Step number `step`, of length tau."""
     results = cable.work.results
     if results.forces_known == 0.0:

@@ -14,7 +14,7 @@ from dlo_sim.scene.needs import Needs, inextensible
 from dlo_sim.simulation import obstacles
 from dlo_sim.simulation.arrays import most_sizes, sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.geometry import Geometries, stiffening
-from dlo_sim.simulation.holding import holding_of
+from dlo_sim.simulation.holding import Holding, holding_of
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.obstacles import samples_of
 from dlo_sim.simulation.resolution import knot_grading
@@ -41,7 +41,7 @@ def build_model(
     curved = needs.bend and (needs.plasticity or scene.cable.shaped)
     touches = samples_of(scene) + 1 if needs.contact else 0
     sizes = sizes_of(
-        terms=_terms(scene, needs, curved),
+        terms=_terms(scene, needs, curved, holding),
         dim=len(axes),
         twist=twist,
         n=n,
@@ -104,7 +104,7 @@ STATIC, FREE_STATIC = 1e-24, 1e-9
 SELECTIVE = 3e-3  # of mu h^6 integral b''' b'''
 
 
-def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
+def _terms(scene: Scene, needs: Needs, curved: bool, holding: Holding) -> int:
     by_span = scene.discretization.stretch_by_span
     present = {
         bits.STRETCH: needs.stretch and not by_span,
@@ -123,6 +123,9 @@ def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
         bits.DRAG: scene.drag_across > 0.0,
         bits.THINNED: needs.bend and scene.damping.thinning * scene.damping.internal[1] > 0.0,
         bits.MATERIAL: curved and needs.bishop,
+        bits.BORDERED: holding.border > 0 or holding.joints > 0,
+        bits.LOADED: needs.loads,
+        bits.SPRUNG: len(holding.springs) > 0,
     }
     return sum(bit for bit, there in present.items() if there)
 
