@@ -272,21 +272,36 @@ def sample_at(contact, b, j, q):
 
 
 @part
-def clear_bristle(z):
-    """z = 0."""
-    z[0] = zero()
-    z[1] = zero()
-    z[2] = zero()
-
-
-@part
 def bristle_of(state, b, o, j):
     """z."""
     z = state.bristle[b, o, j]
     return z[0], z[1], z[2]
 
 
+@part
+def dropped(cable, b, o, j):
+    """Let a sample that does not touch lose its bristle; returns |z|^2."""
+    z, ends = bristle_of(cable.state, b, o, j), cable.work.trial[b, o, j]
+    ends[0] = zero()
+    ends[1] = zero()
+    ends[2] = zero()
+    return dot(z, z)
+
+
 # -- the law of one sample -----------------------------------------------------------------------
+
+
+@part
+def beyond(cable, o, r):
+    """Whether all lanes of points r are further from an obstacle than it, or they, may move in a
+    step; false for a half space, which has no bounds.
+    """
+    contact, pose = cable.contact, cable.state.pose[o]
+    if contact.core[o] == HALF_SPACE:
+        return False
+    room = contact.extent[o] + contact.reach[o] + cable.state.balance.contact_margin
+    a, b, c = r[0] - pose[END + 9], r[1] - pose[END + 10], r[2] - pose[END + 11]
+    return lane_sum(where(room * room - (a * a + b * b + c * c), 1.0, 0.0)) == 0.0
 
 
 @part
@@ -387,18 +402,22 @@ def add_force(cable, springs, rate, most, rubs, x0, x1, out):
             q0, q1 = span_points(cable, x0, b), span_points(cable, x1, b)
             g0, g1, g2, g3 = none, none, none, none
             for j in range(0, contact.last[b], contact.stride[pick]):
-                r0, r1 = sample_at(contact, b, j, q0), sample_at(contact, b, j, q1)
-                w = contact.weight[b, j, pick]
+                r1, w = sample_at(contact, b, j, q1), contact.weight[b, j, pick]
+                if beyond(cable, o, r1):
+                    if rubbed:
+                        stored = 0.5 * stiff[0] * w * dropped(cable, b, o, j)
+                        lost += stored
+                        kept = kept - stored
+                    continue
+                r0 = sample_at(contact, b, j, q0)
                 y0, y1 = to_body(pose, begun, r0), to_body(pose, END, r1)
                 here, there = distance(contact, o, y0), distance(contact, o, y1)
                 dy = combined(1.0, y1, -1.0, y0)
                 if contact.core[o] != HALF_SPACE and misses(contact, o, here, there, dy):
                     if rubbed:
-                        z = bristle_of(state, b, o, j)
-                        stored = 0.5 * stiff[0] * w * dot(z, z)
+                        stored = 0.5 * stiff[0] * w * dropped(cable, b, o, j)
                         lost += stored
                         kept = kept - stored
-                        clear_bristle(cable.work.trial[b, o, j])
                     continue
                 found = pressure(contact, o, rate, here, there, dy)
                 gaps, n, elastic, p, _, _, jumped = found
@@ -450,7 +469,10 @@ def energy(cable, x, out):
                 continue
             q = span_points(cable, x, b)
             for j in range(0, contact.last[b], contact.stride[pick]):
-                y = to_body(pose, END, sample_at(contact, b, j, q))
+                r = sample_at(contact, b, j, q)
+                if beyond(cable, o, r):
+                    continue
+                y = to_body(pose, END, r)
                 deep = depth(distance(contact, o, y)[0] - contact.reach[o])
                 z = bristle_of(state, b, o, j)
                 stored = law[STIFFNESS] * deep * deep + law[BRISTLE] * dot(z, z)
@@ -516,8 +538,11 @@ def add_tangent(cable, rate, rubs, x0, x1, scale, band):
             rubbed = rubs and law[FRICTION] > 0.0
             stiff = law[BRISTLE], law[BRISTLE] + law[BRISTLE_DAMPING] * rate + TINY
             for j in range(0, contact.last[b], contact.stride[pick]):
+                r1 = sample_at(contact, b, j, q1)
+                if beyond(cable, o, r1):
+                    continue
                 y0 = to_body(pose, START, sample_at(contact, b, j, q0))
-                y1 = to_body(pose, END, sample_at(contact, b, j, q1))
+                y1 = to_body(pose, END, r1)
                 here, there = distance(contact, o, y0), distance(contact, o, y1)
                 dy = combined(1.0, y1, -1.0, y0)
                 if contact.core[o] != HALF_SPACE and misses(contact, o, here, there, dy):

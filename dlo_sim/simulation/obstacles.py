@@ -23,11 +23,13 @@ from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
 PLANE_SAMPLES = 2  # of a knot span, that planes touch
-MOST_SAMPLES = 16  # of a knot span
+MOST_SAMPLES = 8  # of a knot span
 APART = 0.5  # distance of samples in reaches of the smallest obstacle
 # Penetration by the weight of the whole cable hung over an obstacle, in diameters. Planes, on
 # which only its own weight lies, have `description.DEPTH`.
 HUNG_DEPTH = 0.01
+# Penetration of a cable thrown at inputs.max_speed, in half the thickness of a body.
+THROWN_DEPTH = 0.4
 DAMPED = 0.3  # share of critical damping of contact, if the scene gives none
 # Bristles as stiff as the surface: a sliding cable is bent aside by mu times its penetration. Their
 # damping, in sqrt(k_t mu): with less, a cable that is pulled suddenly slips before it sticks.
@@ -72,15 +74,16 @@ def gaps(obstacle: Obstacle, diameter: float, points: Array) -> Array:
 
 def stiffness(scene: Scene, obstacle: Obstacle) -> float:
     """Contact force per length of cable and penetration [N/m^2]: as given, or such that neither its
-    weight nor its tension presses the cable in far.
+    weight nor its tension presses the cable in far, and a throw does not press it through.
     """
     plane = scene.contact_stiffness
     if scene.contact.stiffness or obstacle.shape == "plane":
         return plane
     cable = scene.cable
-    reach = core_of(obstacle, 0.5 * cable.diameter).reach
+    _, half, reach = core_of(obstacle, 0.5 * cable.diameter)
     hung = cable.mu * EARTH * cable.length / (reach * HUNG_DEPTH * cable.diameter)
-    return max(plane, hung)
+    thrown = cable.mu * (scene.inputs.max_speed / (THROWN_DEPTH * (min(half) + reach))) ** 2
+    return max(plane, hung, thrown)
 
 
 def rests_damped(scene: Scene) -> bool:

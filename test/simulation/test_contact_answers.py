@@ -267,3 +267,50 @@ def test_a_conveyor_drags_what_one_end_holds():
     assert on_belt == pytest.approx(0.6 * WEIGHT, rel=0.02)
     assert -np.mean(forces, axis=0)[0] == pytest.approx(0.5 * 0.6 * WEIGHT, rel=0.01)
     assert sim.energy_error < 1e-4
+
+
+def thrown(shape, turn, place, sideways, step):
+    """Sum of the velocity that a thin cable thrown at 20 m/s at a small body loses, its mean."""
+    sim = simulator(
+        {
+            "cable.length": 0.2,
+            "cable.diameter": 1e-3,
+            "cable.density": 1200.0,
+            "cable.youngs_modulus": 1e8,
+            "discretization.control_points": 20,
+            "start.fixed": [False] * 3,
+            "start.position": [-0.1, 0.0, 0.0],
+            "end.position": [0.1, 0.0, 0.0],
+            "gravity": [0.0, 0.0, 0.0],
+            "terms.twist": "off",
+            "obstacles.names": ["body"],
+            "obstacles.body.shape": shape,
+            "obstacles.body.size": [5e-3, 5e-3, 1e-2],
+            "obstacles.body.orientation": turn,
+            "obstacles.body.position": [place, 0.0, -0.03],
+            "obstacles.body.friction": 0.3,
+        },
+        method="energy_momentum",
+        step=step,
+    )
+    velocities = np.zeros((20, 4))
+    velocities[:, :3] = [*sideways, -20.0]
+    sim.start_from(sim.control_points, velocities)
+    assert sim.advance(3e-3).status.ok
+    assert sim.energy_error < 1e-5
+    knots = sim.model.knots
+    shares = (knots[4:] - knots[:-4]) / 4.0 / 0.2
+    return shares @ sim.velocities[:, 2] + 20.0
+
+
+@pytest.mark.parametrize("shape", ["box", "sphere", "cylinder", "capsule"])
+def test_nothing_passes_through_what_it_is_thrown_at(shape):
+    """In steps of four times the body's size it is stopped as in steps of a fraction of it."""
+    rng = np.random.default_rng(7)
+    for _ in range(10):
+        turn = rng.standard_normal(4)
+        turn = (turn / np.linalg.norm(turn)).tolist()
+        place, sideways = float(rng.uniform(-0.08, 0.08)), rng.normal(0.0, 0.5, 2)
+        coarse, fine = (thrown(shape, turn, place, sideways, step) for step in (1e-3, 1e-4))
+        assert fine > 0.2
+        assert coarse == pytest.approx(fine, rel=0.35, abs=0.3)
