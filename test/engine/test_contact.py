@@ -68,6 +68,7 @@ class Step(Bench):
         straight[:, 0] = self.greville
         self.first = straight + 0.01 * rng.standard_normal((self.n, 4))
         self.second = self.first + motion * rng.standard_normal((self.n, 4))
+        self.cable.account.contact_margin = 10.0  # all samples are looked at
         self.bristle = self.cable.arrays.state.bristle
         self.bristle[:] = 0.3 * motion * rng.standard_normal(self.bristle.shape)
 
