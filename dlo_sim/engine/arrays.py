@@ -78,7 +78,10 @@ class Physics(Group):
     shortest_span = Number()  # [m]
     axial_round_off = Number()  # EA L [N m], 0 without stretching
     bending_round_off = Number()  # EI L [N m^3], 0 without bending
-    drag_across = Number()  # c_n - c_t, normal minus tangential drag [N s/m^2]
+    drag_across = Number()  # c_n - c_t, normal minus tangential drag of air [N s/m^2]
+    water_across = Number()  # k_n and k_t of `engine.drag` [N s^2/m^3]
+    water_along = Number()
+    water_current = Reals(3)  # velocity of the water by line [m/s]
     thinning = Number()  # lambda^2 of `terms.viscosity` [(m s)^2]
     beta_stretch = Number()  # internal damping [s]
     beta_bend = Number()

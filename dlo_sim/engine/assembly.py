@@ -50,9 +50,9 @@ def add_damping(cable, x, moved, scale, out):
 
 
 @part
-def add_damping_tangent(cable, x, scale, band):
+def add_damping_tangent(cable, x, moved, scale, band):
     """band += scale C(x) of the terms whose damping depends on the shape."""
-    drag.drag_tangent(cable, x, scale, band)
+    drag.drag_tangent(cable, x, moved, scale, band)
 
 
 @part

@@ -5,7 +5,7 @@ calls them for scenes with the term's bit:
     energy(cable, x, out)                  adds energies [J] to the entries of `arrays.ENERGIES`
     tangent(cable, x0, x1, scale, band)    band += scale times the Jacobian of the discrete gradient
     damping(cable, x, moved, scale, out)   out -= scale C(x) moved
-    damping_tangent(cable, x, scale, band) band += scale C(x)
+    damping_tangent(cable, x, moved, scale, band)   band += scale C(x)
     flow(cable)                            update of internal variables at the end of a step
 """
 
@@ -19,5 +19,5 @@ FORCE = void, CABLE, LINES, LINES, LINES
 ENERGY = void, CABLE, LINES, VECTOR
 TANGENT = void, CABLE, LINES, LINES, float64, LINES
 DAMPING = void, CABLE, LINES, LINES, float64, LINES
-DAMPING_TANGENT = void, CABLE, LINES, float64, LINES
+DAMPING_TANGENT = void, CABLE, LINES, LINES, float64, LINES
 FLOW = void, CABLE

@@ -125,19 +125,33 @@ def load_on_robot(scene: Scene, knots: Array, times: Array, path: Array) -> Arra
     # The mean of both steps at an instant, as the steps' own equations have it.
     rate = np.diff(moments, 2, axis=0) / step**2
     inertia = np.concatenate([rate[:1], rate, rate[-1:]])
-    external += _drag_across(scene, knots, path, np.gradient(path, step, axis=0))
-    return np.asarray(masses.sum() * np.array(scene.gravity) - inertia - external)
+    external += _drag(scene, knots, path, np.gradient(path, step, axis=0))
+    weighed = masses.sum() - scene.displaced * scene.cable.length
+    return np.asarray(weighed * np.array(scene.gravity) - inertia - external)
 
 
-def _drag_across(scene: Scene, knots: Array, path: Array, rates: Array) -> Array:
-    """What drag across the cable has more than drag along it [N], shape (K, 3)."""
+def _drag(scene: Scene, knots: Array, path: Array, rates: Array) -> Array:
+    """Drag of water, and what drag of air across the cable has more than along it (`engine.drag`)
+    [N], shape (K, 3).
+    """
     every, length = np.eye(path.shape[1]), scene.cable.length
     u = (np.arange(PLACES) + 0.5) / PLACES * length
     motion = bspline.evaluate(every, knots, u) @ rates
     tangents = bspline.evaluate(every, knots, u, 1) @ path
     tangents /= np.linalg.norm(tangents, axis=-1, keepdims=True)
-    motion -= tangents * (tangents * motion).sum(axis=-1, keepdims=True)
-    return np.asarray(scene.drag_across * length * motion.mean(axis=1))
+    _, motion_across = _split(motion, tangents)
+    along, across = _split(motion - np.array(scene.water.velocity), tangents)
+    normal, tangential = scene.water_drag
+    force = scene.drag_across * motion_across
+    force += normal * np.linalg.norm(across, axis=-1, keepdims=True) * across
+    force += tangential * np.abs(along) * along * tangents
+    return np.asarray(length * force.mean(axis=1))
+
+
+def _split(vectors: Array, tangents: Array) -> tuple[Array, Array]:
+    """Components along unit tangents, shape (..., 1), and the vectors across them."""
+    along = (tangents * vectors).sum(axis=-1, keepdims=True)
+    return along, vectors - along * tangents
 
 
 def interpolated(times: Array, grid: Array, rows: Array) -> Array:

@@ -351,7 +351,7 @@ def newton_matrix(cable, t0, tau, a, discrete):
     viscous = 0.0
     if cable.terms & DAMPED:
         add_lines(cable, cable.linear.damping[0], 1.0 / tau, matrix)
-        add_damping_tangent(cable, middle, 1.0 / tau, matrix)
+        add_damping_tangent(cable, middle, work.change, 1.0 / tau, matrix)
         if is_viscous(cable):
             viscous = 1.0 / tau
     begin, end = (work.start, state.x) if discrete else (middle, middle)

@@ -164,6 +164,23 @@ class Damping:
 
 
 @dataclass(frozen=True)
+class Water:
+    """Water around the cable: buoyancy, and drag that is quadratic in the velocity relative to it.
+
+    Parameters:
+        density: Density of the water; 0 = no water. The cable displaces its section.
+        velocity: Velocity of its current, world frame.
+        drag: Drag coefficient across the cable, on its diameter.
+        drag_along: Drag coefficient along the cable, on its surface.
+    """
+
+    density: float = parameter(0.0, "kg/m^3", (0.0, 1.0e5))
+    velocity: Vector = parameter(ORIGIN, "m/s", (-1.0e3, 1.0e3))
+    drag: float = parameter(1.2, "", (0.0, 100.0))
+    drag_along: float = parameter(0.01, "", (0.0, 100.0))
+
+
+@dataclass(frozen=True)
 class Plasticity:
     """Plastic bending, or friction between strands of a cable, which slip at the yield curvature.
 

@@ -22,6 +22,7 @@ from dlo_sim.scene.cable import (
     Plasticity,
     Torsion,
     Vector,
+    Water,
 )
 from dlo_sim.scene.computation import (
     Accuracy,
@@ -88,6 +89,7 @@ class Scene:
     discretization: Discretization = Discretization()
     terms: Terms = Terms()
     plasticity: Plasticity = Plasticity()
+    water: Water = Water()
     torsion: Torsion = Torsion()
     gravity: Vector = parameter((0.0, 0.0, -9.81), "m/s^2", (-1.0e4, 1.0e4))
     start: End = End()
@@ -115,6 +117,30 @@ class Scene:
     def drag_across(self) -> float:
         """Normal minus tangential air drag c_n - c_t [N s/m^2]; 0 without damping."""
         return 0.0 if self.terms.damping == "off" else self.damping.drag_across
+
+    @property
+    def water_drag(self) -> tuple[float, float]:
+        """k_n and k_t [N s^2/m^3] of the drag of water across and along the cable: half its density
+        times coefficient and diameter, or circumference; 0 without damping.
+        """
+        if self.terms.damping == "off":
+            return 0.0, 0.0
+        scale = 0.5 * self.water.density * self.cable.diameter
+        return scale * self.water.drag, scale * math.pi * self.water.drag_along
+
+    @property
+    def displaced(self) -> float:
+        """Mass of the water that the cable displaces, per length [kg/m]."""
+        return self.water.density * math.pi * self.cable.diameter**2 / 4.0
+
+    @property
+    def implicit_drag(self) -> str:
+        """Key and value of drag that only implicit methods know, since it is not isotropic and
+        linear in the velocity; empty if there is none.
+        """
+        if self.drag_across:
+            return f"damping.air_drag_ratio: {self.damping.air_drag_ratio:g}"
+        return f"water.density: {self.water.density:g}" if any(self.water_drag) else ""
 
     @property
     def decay_rates(self) -> tuple[float, float]:

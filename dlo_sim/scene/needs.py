@@ -196,8 +196,8 @@ def _without_constraint(scene: Scene) -> str:
     if scene.terms.damping != "off":
         if any(damping.internal):
             return "is not valid with damping.stiffness, stretch, bend or twist"
-        if scene.drag_across:
-            return "is not valid with damping.air_drag_ratio below 1"
+        if scene.implicit_drag:
+            return f"is not valid with {scene.implicit_drag}"
         if damping.air_drag and (scene.start.mass or scene.end.mass):
             return "is not valid with damping.air_drag beside a point mass"
     return "cannot step a cable taut between fixed ends" if _taut(scene) else ""
@@ -325,7 +325,7 @@ def _ends_leave(scene: Scene, normal: int) -> bool:
 
 def _forces_leave(scene: Scene, normal: int) -> bool:
     """Whether weight, loads, obstacles or natural curvature act along axis `normal`."""
-    leaving = [scene.gravity[normal]]
+    leaving = [scene.gravity[normal], scene.water.velocity[normal] * any(scene.water_drag)]
     around = [axis for axis in range(3) if axis != normal]
     place = scene.start.position[normal] + scene.start.offset[normal]
     leaving += [obstacle.pushes_along(normal, place) for obstacle in scene.obstacles]
@@ -383,7 +383,8 @@ def _driven(scene: Scene) -> bool:
 
 
 def _damped(scene: Scene) -> bool:
-    return bool(scene.damping.mass or any(scene.damping.internal) or scene.damping.air_drag)
+    by_rates = scene.damping.mass or any(scene.damping.internal) or scene.damping.air_drag
+    return bool(by_rates or scene.water.density)
 
 
 def _yields(scene: Scene) -> bool:

@@ -120,7 +120,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool, holding: Holding) -> int:
         bits.BISHOP: needs.bishop,
         bits.CONTACT: needs.contact,
         bits.STATIC_TWIST: needs.quasistatic,
-        bits.DRAG: scene.drag_across > 0.0,
+        bits.DRAG: bool(scene.implicit_drag),
         bits.THINNED: needs.bend and scene.damping.thinning * scene.damping.internal[1] > 0.0,
         bits.MATERIAL: curved and needs.bishop,
         bits.BORDERED: holding.border > 0 or holding.joints > 0,
@@ -176,7 +176,7 @@ class _Filling:
             self._factors(linear.factors[kind], band, np.zeros(model.n, dtype=bool))
         if self._needs.gravity:
             pull = np.asarray(scene.gravity)[self._axes]
-            weight = mass.multiply(space, np.ones(model.n))
+            weight = mass.multiply(space - scene.displaced * gram, np.ones(model.n))
             self._inside(linear.weight)[:] = np.outer(pull, weight)
         if model.twist:
             slopes = mass.gram(model.knots, 1, model.rule)
@@ -276,4 +276,6 @@ class _Filling:
         physics.axial_round_off = cable.EA * cable.length * needs.stretch
         physics.bending_round_off = cable.EI * cable.length * needs.bend
         physics.drag_across = scene.drag_across
+        physics.water_across, physics.water_along = scene.water_drag
+        physics.water_current[: len(self._axes)] = np.array(scene.water.velocity)[self._axes]
         physics.thinning = scene.damping.thinning**2

@@ -212,8 +212,8 @@ def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
     damped = scene.terms.damping != "off"
     if damped and any(scene.damping.internal):
         return "energy_momentum", "stiffness damping needs an implicit method"
-    if scene.drag_across:
-        return "energy_momentum", "air drag that depends on the direction needs an implicit method"
+    if scene.implicit_drag:
+        return "energy_momentum", "drag that depends on the direction needs an implicit method"
     if damped and scene.damping.air_drag and (scene.start.mass or scene.end.mass):
         return "energy_momentum", "air drag beside a point mass needs an implicit method"
     if needs_of(scene).quasistatic:
@@ -293,15 +293,15 @@ def _check_damping(scene: Scene, method: Method) -> None:
             f"integrator.method: {method.name} is not valid with damping.thinning "
             f"{damping.thinning:g}; use energy_momentum, or set it to 0.0"
         )
-    if scene.drag_across and frenet_wanted(scene):
+    if scene.implicit_drag and frenet_wanted(scene):
         raise SceneError(
-            f"damping.air_drag_ratio: {damping.air_drag_ratio:g} needs an implicit method, Frenet "
-            "torsion an explicit one; set it to 1.0"
+            f"{scene.implicit_drag} needs an implicit method, Frenet torsion an explicit one; set "
+            "terms.twist to auto, or terms.damping off"
         )
-    if scene.drag_across and method.family != IMPLICIT:
+    if scene.implicit_drag and method.family != IMPLICIT:
+        key, value = scene.implicit_drag.split(": ")
         raise SceneError(
-            f"integrator.method: {method.name} is not valid with damping.air_drag_ratio "
-            f"{damping.air_drag_ratio:g}; use energy_momentum, or set it to 1.0"
+            f"integrator.method: {method.name} is not valid with {key} {value}; use energy_momentum"
         )
     if (damping.mass or damping.air_drag) and not method.mass_damping:
         raise SceneError(
