@@ -184,7 +184,7 @@ class Report:
         axes.set(xscale="log")
         axes.set_yticks(place, labels)
         axes.grid(alpha=0.3, axis="x")
-        axes.legend(fontsize="small")
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(series))
         self.figure(name, figure, caption)
 
     def figure(

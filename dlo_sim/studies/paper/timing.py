@@ -17,7 +17,7 @@ from dlo_sim.studies.paper import published, wires
 from dlo_sim.studies.paper.interpreted import Wire
 from dlo_sim.studies.paper.published import CONTROL_POINTS, SAMPLES
 from dlo_sim.studies.paper.wires import COMPARED, SCENARIOS, Paper, scenario
-from dlo_sim.studies.report import Array
+from dlo_sim.studies.report import COLORS, Array
 from dlo_sim.studies.runs import Cost, advance, at_method, least, step_cost
 
 PAPER_NAMES = {"forest_ruth": "symplectic", "rk4": "Runge-Kutta", "zhai": "Zhai"}
@@ -83,17 +83,21 @@ def add(paper: Paper) -> None:
     _cost_table(paper, timings)
     first = {method: timings[1, method] for method in COMPARED}
     rows = [("real time", t, t) for t in published.TIMES]
+    looks: dict[str, dict[str, Any]] = {"real time": {"color": "black", "linewidth": 0.8}}
     for method, one in first.items():
-        lines = {f"compiled, {method}": one.wall, f"numpy, {method}": one.interpreted}
+        lines = {
+            f"compiled, {method}": (one.wall, "-"),
+            f"numpy, {method}": (one.interpreted, "--"),
+        }
         if method in published.CPP_1:
-            lines[f"paper C++ at 2 ms, {PAPER_NAMES[method]}"] = published.CPP_1[method]
-        for name, times in lines.items():
+            lines[f"paper C++ at 2 ms, {method}"] = (published.CPP_1[method], ":")
+        for name, (times, style) in lines.items():
             rows += [(name, *at) for at in zip(published.TIMES, times, strict=False)]
+            looks[name] = {"color": COLORS[method], "linestyle": style}
         paper.found[TIME(method)] = float(one.wall[-2])
         paper.found[COST(method)] = 1e6 * one.cost.best
     header = "what | simulated time [s] | run time [s]"
     caption = "Run time over simulated time, scenario 1; below *real time*: faster than that"
-    looks = {"real time": {"color": "black", "linewidth": 0.8}}
     paper.report.chart("run_time", header, rows, caption, "xy", looks=looks)
     paper.found[RATIO] = first["forest_ruth"].numpy / first["forest_ruth"].cost.best
     paper.found["interpreted from compiled run after 20 steps [m]"] = max(
