@@ -1,4 +1,4 @@
-"""A simulator with the simulator's interface and next to no physics, for testing what surrounds it.
+"""A simulator with next to no physics, for testing what surrounds it.
 
 Control point 0 follows the start end-effector exactly; the last one is a free 1 kg point mass that
 the loads accelerate. Every call that changes something is recorded with the step at which it came.
@@ -7,12 +7,62 @@ the loads accelerate. Every call that changes something is recorded with the ste
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any, Protocol
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.simulator import Simulator
+
+Array = NDArray[np.float64]
+
+
+class Simulated(Protocol):
+    """What a session asks of a simulator, as far as the fake one has it."""
+
+    scene: Scene
+    resolution: str
+
+    @property
+    def step(self) -> float: ...
+    @property
+    def steps(self) -> int: ...
+    @property
+    def time(self) -> float: ...
+    @property
+    def method(self) -> str: ...
+    @property
+    def active_terms(self) -> tuple[str, ...]: ...
+    @property
+    def left_out(self) -> dict[str, str]: ...
+    @property
+    def warnings(self) -> tuple[str, ...]: ...
+    @property
+    def greville(self) -> Array: ...
+    @property
+    def control_points(self) -> Array: ...
+
+    def centerline(self, u: ArrayLike) -> Array: ...
+    def tension(self, u: ArrayLike) -> Array: ...
+    def curvature(self, u: ArrayLike) -> Array: ...
+    def control_poses(self, out: Array) -> None: ...
+    def reaction_wrench(self, end: str) -> tuple[float, ...]: ...
+    def end_pose(self, end: str) -> tuple[Array, Array]: ...
+    def energy(self) -> Any: ...
+    def set_load(self, name: str, force: Any = None, torque: Any = None) -> None: ...
+    def set_motion(self, end: str, motion: EndMotion) -> None: ...
+    def advance_steps(self, steps: int) -> Any: ...
+    def reset(self) -> None: ...
+    def reconfigured(self, scene: Scene) -> Any: ...
+    def take_over(self, other: Any) -> None: ...
+
+
+def both(real: Simulator, fake: FakeSimulator) -> tuple[Simulated, Simulated]:
+    """The types of both simulators are those of the protocol: checked by mypy, called by nobody."""
+    return real, fake
 
 
 class FakeSimulator:
@@ -25,9 +75,9 @@ class FakeSimulator:
         self.step = scene.integrator.step or step
         self.method = "fake"
         self.resolution = "5 control points as the scene asks"
-        self.active_terms = ("stretch",)
+        self.active_terms: tuple[str, ...] = ("stretch",)
         self.left_out = {"twist": "fake"}
-        self.warnings = ()
+        self.warnings: tuple[str, ...] = ()
         self.fail_at: int | None = None
         self.folds_at: int | None = None  # step after which the shape is reported as a fold
         self.note = ""
@@ -54,43 +104,44 @@ class FakeSimulator:
         return self.steps * self.step
 
     @property
-    def control_points(self):
+    def control_points(self) -> Array:
         start = self.motions["start"].position_at(self.time)
         fraction = self.greville[:, None] / self.greville[-1]
         points = np.zeros((len(self.greville), 4))
         points[:, :3] = start + fraction * (self.tip - start)
         return points
 
-    def centerline(self, u):
+    def centerline(self, u: ArrayLike) -> Array:
         points = self.control_points[:, :3]
-        return np.stack([np.interp(u, self.greville, points[:, k]) for k in range(3)], axis=1)
+        at = np.asarray(u)
+        return np.stack([np.interp(at, self.greville, points[:, k]) for k in range(3)], axis=1)
 
-    def tension(self, u):
+    def tension(self, u: ArrayLike) -> Array:
         return 2.0 * np.asarray(u)
 
-    def curvature(self, u):
+    def curvature(self, u: ArrayLike) -> Array:
         return 3.0 * np.asarray(u)
 
-    def control_poses(self, out):
+    def control_poses(self, out: Array) -> None:
         out[:, :3] = self.control_points[:, :3]
         out[:, 3:] = 0.0, 0.0, 0.0, 1.0
 
-    def reaction_wrench(self, end):
+    def reaction_wrench(self, end: str) -> tuple[float, ...]:
         return (*self.motions[end].velocity_at(self.time).tolist(), 0.0, 0.0, 0.0)
 
-    def end_pose(self, end):
+    def end_pose(self, end: str) -> tuple[Array, Array]:
         motion = self.motions[end]
         return motion.position_at(self.time), motion.orientation_at(self.time)
 
-    def energy(self):
+    def energy(self) -> Any:
         return SimpleNamespace(kinetic=0.5 * float(self.speed @ self.speed), total=1.0)
 
-    def set_load(self, name, force=None, torque=None):
+    def set_load(self, name: str, force: Any = None, torque: Any = None) -> None:
         self.calls.append(("load", self.steps, name, force, torque))
         if force is not None:
             self.loads[name] = np.array(force, dtype=float)
 
-    def set_motion(self, end, motion):
+    def set_motion(self, end: str, motion: EndMotion) -> None:
         position, orientation = self.end_pose(end)
         assert motion.start == pytest.approx(self.time, abs=1e-9), "a simulator refuses the past"
         assert motion.position == pytest.approx(position, abs=1e-6), "and jumps"
@@ -98,9 +149,9 @@ class FakeSimulator:
         self.calls.append(("motion", self.steps, end, motion))
         self.motions[end] = motion
 
-    def advance_steps(self, n):
+    def advance_steps(self, steps: int) -> Any:
         done = 0
-        for _ in range(n):
+        for _ in range(steps):
             if self.fail_at is not None and self.steps >= self.fail_at:
                 status = SimpleNamespace(ok=False, advanced=False)
                 return SimpleNamespace(status=status, message="diverged: fake", steps=done, note="")
@@ -117,18 +168,18 @@ class FakeSimulator:
             note=self.note,
         )
 
-    def reset(self):
+    def reset(self) -> None:
         self.calls.append(("reset", self.steps))
         self._place()
 
-    def reconfigured(self, scene):
+    def reconfigured(self, scene: Scene) -> FakeSimulator:
         if scene.cable.diameter > 0.5:
             raise ValueError("fake: too thick")
         other = FakeSimulator(scene, {end: self.end_pose(end) for end in ("start", "end")})
         other.take_over(self)
         return other
 
-    def take_over(self, other):
+    def take_over(self, other: FakeSimulator) -> None:
         self.tip, self.speed = other.tip, other.speed
         for end in self.motions:
             self.motions[end] = EndMotion.resting(*other.end_pose(end))
