@@ -127,6 +127,11 @@ def read(kind: str, raw: Bytes) -> Any:
     return message
 
 
+def learn(kind: str) -> None:
+    """Generate the code that reads a kind of message, so that the first one does not wait 15 ms."""
+    read(kind, write(kind, new(kind)))
+
+
 def _load(kind: str, raw: Bytes, begin: int = 0) -> tuple[Any, int]:
     """What begins so many bytes behind the encapsulation, and the offset in `raw` of its end."""
     definition = STORE.get_msgdef(kind)

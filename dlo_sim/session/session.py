@@ -102,6 +102,9 @@ class Session:
         self._marker_count: int | None = None
         self._given_out: tuple[Simulator, int] | None = None
         self._markers_due = False
+        for entry in sources:  # so that no tick waits for what is generated at first use
+            cdr.learn(entry.type)
+        self.diagnostics(0)
 
     @property
     def scene(self) -> Scene:

@@ -393,3 +393,13 @@ def test_a_live_tick_is_bounded_however_short_the_step(bench):
     tiny = bench(FREE, live=True, **changes)
     tiny.session.tick(T0)
     assert tiny.session.tick(T0 + 100 * MS).advanced_steps == 20_000
+
+
+def test_no_code_that_reads_or_writes_messages_is_generated_in_a_tick(monkeypatch, bench):
+    monkeypatch.setattr(cdr.STORE, "cache", {})
+    one = bench({**LOADED, "outputs.points": True, "outputs.tf": True, "outputs.capsules": 3})
+    known = set(cdr.STORE.cache)
+    play(one, 0.5)
+    one.session.messages(again=output_topics(one.scene))
+    one.session.diagnostics(T0 + SECOND)
+    assert one.session.started and set(cdr.STORE.cache) == known
