@@ -67,7 +67,7 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
     starts = np.cumsum([0, *(model.n for model in models)]).tolist()
     holding = _all_held(models, joints, starts)
     sizes = sizes_of(
-        terms=first.arrays.sizes["terms"],
+        terms=first.terms | (bits.BORDERED if holding.border or holding.joints else 0),
         dim=len(first.axes),
         twist=first.twist,
         n=starts[-1],

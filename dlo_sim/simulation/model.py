@@ -68,9 +68,14 @@ class Model:
         """Numbers in the inputs and in the state of a cable."""
         return Inputs.room(self.most), State.room(self.most)
 
+    @property
+    def terms(self) -> int:
+        """Bits of the active terms."""
+        return self.arrays.sizes["terms"]
+
     def has(self, bit: int) -> bool:
         """Whether the term with this bit is active."""
-        return bool(self.arrays.sizes["terms"] & bit)
+        return bool(self.terms & bit)
 
     @property
     def spring_places(self) -> list[tuple[int, int, bool]]:

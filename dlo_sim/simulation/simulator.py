@@ -170,8 +170,7 @@ class Simulator:
         started = time.perf_counter()
         self._stepper.advance(0, 0)
         self._initial = self.snapshot()
-        if moments_may_come(scene):
-            self._load_twist()
+        self._load_ahead()
         self.compile_seconds = time.perf_counter() - started
 
     # -- what it is -------------------------------------------------------------------------------
@@ -1071,11 +1070,23 @@ class Simulator:
     def _start_orientation(self) -> Array:
         return self._ends.orientation("start", self.time)
 
-    def _load_twist(self) -> None:
-        """Load the code of the twist that a moment brings: a tick must not have to compile it."""
+    def _load_ahead(self) -> None:
+        """Load the code of what may come, which no tick must have to compile: the twist that a
+        moment brings, and a grasp that takes or releases the cable.
+        """
         needs = needs_of_load(self._needs, self.scene, None, np.ones(3))
-        if needs.twist and not self._needs.twist:
+        if moments_may_come(self.scene) and needs.twist and not self._needs.twist:
             self._need(needs)
+            self._stepper.advance(0, 0)
+            self.restore(self._initial)
+        for grasp in self.scene.grasps:
+            try:
+                if self._geometries[grasp.name].u is None:
+                    self.take(grasp.name)
+                else:
+                    self.release(grasp.name)
+            except ValueError:  # refused where it is now, not for ever
+                continue
             self._stepper.advance(0, 0)
             self.restore(self._initial)
 
