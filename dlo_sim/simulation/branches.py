@@ -19,12 +19,13 @@ from dlo_sim.core.quadrature import Quadrature
 from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays, Mesh
 from dlo_sim.simulation.arrays import from_blocks, sizes_of, to_blocks, without_margins
-from dlo_sim.simulation.build_model import fill_rows, held_values
+from dlo_sim.simulation.build_model import fill_rows, held_values, terms_of_holding
 from dlo_sim.simulation.holding import Holding, Point, Row, Weights
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
 VOID = bspline.DEGREE  # knot spans between two branches
+HELD = bits.BORDERED | bits.SPRUNG  # terms of what holds a branch
 ALONG = bits.BISHOP | bits.TORSION  # terms that follow the cable from one end to the other
 
 
@@ -57,8 +58,9 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
     """
     first = models[0]
     for model in models:
-        alike = ("terms", "dim", "lines", "samples", "touches", "constraints")
-        if any(model.arrays.sizes[size] != first.arrays.sizes[size] for size in alike):
+        alike = ("dim", "lines", "samples", "touches", "constraints")
+        unlike = any(model.arrays.sizes[size] != first.arrays.sizes[size] for size in alike)
+        if unlike or (model.terms ^ first.terms) & ~HELD:
             raise ValueError("branches: need the same lines, terms, and samples in a span")
     if first.has(ALONG) or first.arrays.sizes["constraints"]:
         raise ValueError(
@@ -67,7 +69,7 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
     starts = np.cumsum([0, *(model.n for model in models)]).tolist()
     holding = _all_held(models, joints, starts)
     sizes = sizes_of(
-        terms=first.terms | (bits.BORDERED if holding.border or holding.joints else 0),
+        terms=first.terms & ~HELD | terms_of_holding(holding),
         dim=len(first.axes),
         twist=first.twist,
         n=starts[-1],

@@ -123,11 +123,15 @@ def _terms(scene: Scene, needs: Needs, curved: bool, holding: Holding) -> int:
         bits.DRAG: bool(scene.implicit_drag),
         bits.THINNED: needs.bend and scene.damping.thinning * scene.damping.internal[1] > 0.0,
         bits.MATERIAL: curved and needs.bishop,
-        bits.BORDERED: holding.border > 0 or holding.joints > 0,
         bits.LOADED: needs.loads,
-        bits.SPRUNG: len(holding.springs) > 0,
     }
-    return sum(bit for bit, there in present.items() if there)
+    return sum(bit for bit, there in present.items() if there) | terms_of_holding(holding)
+
+
+def terms_of_holding(holding: Holding) -> int:
+    """Bits of what holds the cable: places between control points, springs."""
+    bordered = holding.border > 0 or holding.joints > 0
+    return bits.BORDERED * bordered | bits.SPRUNG * (len(holding.springs) > 0)
 
 
 FEWEST_WITH_ENDS = 3  # Gauss points a span from which one may move to an end without harm
