@@ -168,8 +168,8 @@ class Simulator:
         self._look_every = steps_between_looks(self.choice.step, self._stepper.check_every)
         self.cable.open_account(self.scene)
         started = time.perf_counter()
-        self._stepper.advance(0, 0)  # a tick must not have to compile its code
-        self.advance_steps(0)
+        self._stepper.advance(0, 0)  # no tick must have to compile this or the next line
+        unexplained_stretch(model, self.cable.points, self._ends)
         self._initial = self.snapshot()
         self._load_ahead()
         self.compile_seconds = time.perf_counter() - started
