@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from fake_simulator import FakeSimulator
 from session_bench import FREE, MS, SECOND
 
-from dlo_sim.scene.loading import scene_from_values
+from dlo_sim.scene.loading import load_scene, scene_from_values, shipped_scene
+from dlo_sim.session import drive
 from dlo_sim.session.diagnostics import Accuracy
 from dlo_sim.session.session import Session
 from dlo_sim.simulation.error_estimate import ErrorEstimate, advice
 from dlo_sim.simulation.report import DiscretizationError
+from dlo_sim.simulation.simulator import Simulator
 
 T0 = 100 * SECOND
 
@@ -48,8 +51,7 @@ def estimates(monkeypatch):
         made.append(FakeEstimate(simulator))
         return made[-1]
 
-    monkeypatch.setattr(ErrorEstimate, "placed", make)
-    monkeypatch.setattr(ErrorEstimate, "continued", make)
+    monkeypatch.setattr(drive, "_estimate", make)
     return made
 
 
@@ -201,8 +203,8 @@ def test_reset_and_changed_parameters_estimate_anew(estimates):
 def test_loads_and_steps_go_to_the_companions(monkeypatch):
     asked: list[str] = []
     monkeypatch.setattr(
-        ErrorEstimate,
-        "placed",
+        drive,
+        "_estimate",
         lambda simulator, poses=None: SimpleNamespace(
             simulator=simulator,
             recent=DiscretizationError(0.0, 0.0),
@@ -220,3 +222,16 @@ def test_loads_and_steps_go_to_the_companions(monkeypatch):
     one.tick(T0 + 200 * MS)
     assert asked[:2] == ["steps", "load"]
     assert isinstance(one._accuracy, Accuracy)
+
+
+def test_a_run_that_is_finer_in_time_begins_in_the_shape_that_was_found():
+    """The estimate is the same bit for bit as one that searches for the shape at rest again."""
+    scene = load_scene(shipped_scene("hanging_cable"))
+    poses = {"start": (np.array([0.1, 0.0, 0.7]), np.array([0.0, 0.0, 0.0, 1.0]))}
+    errors = []
+    for make in (drive._estimate, ErrorEstimate.placed):
+        estimate = make(Simulator(scene, poses), poses)
+        estimate.advance_steps(40)
+        errors.append(estimate.largest)
+    assert errors[0] == errors[1]
+    assert min(errors[0].time, errors[0].space) > 0.0

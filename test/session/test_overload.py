@@ -6,8 +6,8 @@ from collections import Counter
 
 from session_bench import GRIPPER, MS, SECOND, T0, Bench, motion
 
+from dlo_sim.session import drive
 from dlo_sim.session.topics import CENTERLINE, CONTROL_POINTS
-from dlo_sim.simulation.error_estimate import ErrorEstimate
 from dlo_sim.simulation.report import DiscretizationError
 
 SHED = "markers_spared", "estimate_spared", "time_skipped"
@@ -36,8 +36,7 @@ class Overloaded:
 
     def __init__(self, monkeypatch, **changes) -> None:
         self.estimates: list[Spied] = []
-        monkeypatch.setattr(ErrorEstimate, "placed", self.make)
-        monkeypatch.setattr(ErrorEstimate, "continued", self.make)
+        monkeypatch.setattr(drive, "_estimate", self.make)
         estimated = {"accuracy.estimate": "auto"}
         self.bench = Bench(GRIPPER | FAST | estimated, live=True, **changes)
         self.now, self.posed = T0, T0
