@@ -1,7 +1,8 @@
 """What every test may use: the checkout's folder, and child processes that import the same code.
 
-`pytest -n auto --dist loadfile --no-loadscope-reorder` (pytest-xdist) gives whole files
-to one process per core, in the order below; so the fixtures of a file are built once.
+`pytest -n 3 --dist loadfile --no-loadscope-reorder` (pytest-xdist) gives whole files to three
+processes, in the order below; so the fixtures of a file are built once. That is one process more
+than there are cores: tests of the node wait for it most of the time.
 """
 
 from __future__ import annotations
@@ -27,9 +28,15 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files with slow tests first, so that no process goes on long after the others."""
+    """Files with slow tests first, so that no process goes on long after the others. Files that
+    wait for nodes are spread among those that compute, so that no core is idle meanwhile.
+    """
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    files = sorted(dict.fromkeys(item.path for item in items), key=lambda path: path not in slow)
+    waiting = [path for path in files if path.parent.name == "ros"]
+    computing = [path for path in files if path.parent.name != "ros"]
+    place = {path: k / len(some) for some in (waiting, computing) for k, path in enumerate(some)}
+    items.sort(key=lambda item: place[item.path])
 
 
 @pytest.fixture(scope="session")

@@ -6,9 +6,6 @@ import numpy as np
 import pytest
 
 from dlo_sim.batch.workers import HERE, open_workers
-from dlo_sim.scene.loading import load_scene, shipped_scene
-from dlo_sim.studies import omission
-from dlo_sim.studies.omission import variants
 from dlo_sim.studies.paper import accuracy
 from dlo_sim.studies.runs import each
 from dlo_sim.studies.work_precision import cantilever, references
@@ -67,14 +64,3 @@ def test_pieces_of_the_paper_are_the_same(cluster):
     assert here[sizes[0]].shape == (accuracy.INSTANTS, accuracy.POINTS, 3)
     assert not np.array_equal(here[sizes[0]], here[sizes[1]])
     assert all(np.array_equal(there[size], here[size]) for size in sizes)
-
-
-def test_motions_of_omission_are_the_same(cluster):
-    scene = load_scene(shipped_scene("paper_wire"))
-    (gravity,) = (variant for variant in variants(scene) if variant.term == "gravity")
-    pieces = omission.pieces(gravity, 0.02)
-    there, here = (list(each(who, omission.motion, pieces).values()) for who in (cluster, HERE))
-    assert [trial.status for trial in here] == ["ok", "ok"]
-    assert np.abs(here[0].points - here[1].points).max() > 1e-4
-    for a, b in zip(there, here, strict=True):
-        assert np.array_equal(a.points, b.points) and a.step == b.step
