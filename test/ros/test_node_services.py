@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -35,6 +37,15 @@ def trigger(peer: Peer, name: str) -> Trigger.Response:
 
 def stamp(message: PoseArray) -> int:
     return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+
+
+def test_services_are_those_of_the_page(peer: Peer, checkout: Path) -> None:
+    page = (checkout / "config" / "NODE.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `~/(\w+)` \| (std_srvs/\S+) \|", page, re.MULTILINE)
+    offered = peer.node.get_service_names_and_types_by_node("dlo_sim", "/")
+    own = {name: kinds for name, kinds in offered if kinds[0].startswith("std_srvs/")}
+    assert own == {f"/dlo_sim/{name}": [kind] for name, kind in rows}
+    assert len(own) == 3
 
 
 def test_a_pause_holds_the_state_and_a_step_moves_it(peer: Peer) -> None:
