@@ -1,6 +1,7 @@
 """`dlo_sim simulate SCENE`: run a scene without ROS and record it."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,7 +34,7 @@ _ARRAYS = ("time", *_SHAPES, "energy")
 _REPORT = (
     *("status", "message", "simulated_s", "wall_s", "compile_s", "steps", "step_s", "method"),
     *("choice", "resolution", "force_evaluations", "real_time_factor", "energy_error_max"),
-    *("error_estimate", "advice", "active_terms", "left_out", "notes"),
+    *("error_estimate", "advice", "active_terms", "left_out", "notes", "contacts"),
 )
 
 HELP = "run a scene without ROS and record it"
@@ -119,6 +120,13 @@ def _print_report(scene: str, output: Path | None, recording: "Recording") -> No
         "active": ", ".join(recording.active_terms) or "-",
         "left out": "\n".join(left_out) or "-",
     }
+    if recording.contacts:
+        lines = [
+            f"{name}: {math.hypot(*one['force']):.3g} N, at most {one['pressure']:.3g} N/m, "
+            f"clearance {one['clearance']:.3g} m"
+            for name, one in recording.contacts.items()
+        ]
+        rows["contact"] = "\n".join(lines)
     rows |= error_rows(recording.error_estimate, recording.advice)
     if recording.notes:
         rows["note"] = "\n".join(recording.notes)

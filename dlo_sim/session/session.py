@@ -16,6 +16,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from dlo_sim.scene.description import Scene, parameters_of
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import (
@@ -488,6 +490,7 @@ class Session:
             ("warnings", "; ".join(simulator.warnings)),
             ("energy [J]", f"{energy.total:.9g}"),
             ("kinetic energy [J]", f"{energy.kinetic:.9g}"),
+            *_contact_values(simulator),
             *self._accuracy.values(),
             ("latency [s]", f"{self._latency.ns * 1e-9:.3f}"),
             ("lag [s]", f"{lag:.3f}"),
@@ -507,6 +510,20 @@ class Session:
 
     def _new_outputs(self) -> Outputs:
         return Outputs(self.scene, len(self._drive.simulator.greville), self._naming.node)
+
+
+def _contact_values(simulator: Simulator) -> list[tuple[str, str]]:
+    """Forces and clearance of the obstacles, for a scene that has some."""
+    found = simulator.contacts.values()
+    if not found:
+        return []
+    forces = [float(np.linalg.norm(one.force)) for one in found]
+    return [
+        ("contact force [N]", f"{sum(forces):.6g}"),
+        ("largest contact force [N]", f"{max(forces):.6g}"),
+        ("largest contact pressure [N/m]", f"{max(one.pressure for one in found):.6g}"),
+        ("clearance [m]", f"{min(one.clearance for one in found):.6g}"),
+    ]
 
 
 def _look_at(simulator: Simulator, scene: Scene) -> None:

@@ -23,6 +23,7 @@ from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
 PLANE_SAMPLES = 2  # of a knot span, that planes touch
+STRETCHED = 1.1  # lengths that a cable reaches
 MOST_SAMPLES = 8  # of a knot span
 APART = 0.5  # distance of samples in reaches of the smallest obstacle
 # Penetration by the weight of the whole cable hung over an obstacle, in diameters. Planes, on
@@ -139,12 +140,14 @@ class Contact(NamedTuple):
     Attributes:
         clearance: smallest gap between the surfaces [m], negative where the cable is pressed in.
         force: sum of the forces ON THE CABLE [N], world frame, shape (3,).
+        pressure: largest force per length of cable [N/m].
         u: material coordinates of the samples that touch [m], shape (k,). points: there on the axis
             of the cable [m], shape (k, 3). forces: on the cable [N], shape (k, 3).
     """
 
     clearance: float
     force: Array
+    pressure: float
     u: Array
     points: Array
     forces: Array
@@ -167,7 +170,31 @@ def contact_with(cable: Cable, number: int) -> Contact:
     forces = np.zeros((int(touches.sum()), 3))
     forces[:, list(model.axes)] = found[touches, 1 : 1 + len(model.axes)]
     points = bspline.evaluate(cable.points[:, :3], model.knots, u[touches]) + model.origin
-    return Contact(float(found[:, 0].min()), forces.sum(axis=0), u[touches], points, forces)
+    sizes = np.linalg.norm(forces, axis=1) / rule.weights[there][touches]
+    return Contact(
+        clearance=float(found[:, 0].min()),
+        force=forces.sum(axis=0),
+        pressure=float(sizes.max(initial=0.0)),
+        u=u[touches],
+        points=points,
+        forces=forces,
+    )
+
+
+def out_of_reach(scene: Scene) -> dict[str, str]:
+    """Obstacles that the cable cannot reach from an end that holds it where it is -> the reason, as
+    in `Needs.left_out`.
+    """
+    found, longest = {}, STRETCHED * scene.cable.length
+    for name, end in scene.ends.items():
+        if end.driven or not all(end.fixed):
+            continue
+        for one in scene.obstacles:
+            gap = float(gaps(one, scene.cable.diameter, np.add(end.position, end.offset)))
+            if gap > longest:
+                reason = f"{gap:.3g} m from the {name} of a cable of {scene.cable.length:.3g} m"
+                found[f"obstacles.{one.name}"] = reason
+    return found
 
 
 def samples_of(scene: Scene) -> int:

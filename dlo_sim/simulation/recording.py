@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,8 @@ class Recording:
         advice: the error if it exceeds accuracy.target, and what cures it, one line; else empty.
         active_terms, left_out: terms in the step, and the other terms with the reason.
         notes: what a reader of the results should know, one line each.
+        contacts: obstacle -> `clearance` [m], `force` on the cable (3) [N] and largest force per
+            length `pressure` [N/m] at the end of the run.
     """
 
     time: Array
@@ -82,6 +85,7 @@ class Recording:
     active_terms: tuple[str, ...]
     left_out: dict[str, str]
     notes: tuple[str, ...] = ()
+    contacts: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
     def ok(self) -> bool:
@@ -180,6 +184,14 @@ def record_simulator(
         active_terms=simulator.active_terms,
         left_out=simulator.left_out,
         notes=simulator.notes + counts.notes,
+        contacts={
+            name: {
+                "clearance": one.clearance,
+                "force": one.force.tolist(),
+                "pressure": one.pressure,
+            }
+            for name, one in simulator.contacts.items()
+        },
     )
 
 

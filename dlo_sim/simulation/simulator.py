@@ -208,8 +208,10 @@ class Simulator:
 
     @property
     def left_out(self) -> dict[str, str]:
-        """Terms that the step does not contain, with the reason."""
-        return dict(self._needs.left_out)
+        """Terms that the step does not contain, and obstacles beyond the cable's reach, with the
+        reason.
+        """
+        return self._needs.left_out | obstacles.out_of_reach(self.scene)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -671,6 +673,12 @@ class Simulator:
         row = self.cable.obstacles[number]
         obstacles.write(row, motion)
         row[ACTIVE] = 1.0
+
+    @property
+    def contacts(self) -> dict[str, obstacles.Contact]:
+        """`contact` of all obstacles by name."""
+        touching = self.scene.obstacles if self._needs.contact else ()
+        return {obstacle.name: self.contact(obstacle.name) for obstacle in touching}
 
     def contact(self, name: str) -> obstacles.Contact:
         """What of the cable touches an obstacle now.

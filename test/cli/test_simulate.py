@@ -45,6 +45,7 @@ class MadeUp:
     error_estimate: dict | None = None
     active_terms: tuple = ("bend", "gravity")
     left_out: dict = field(default_factory=lambda: {"twist": "nothing twists"})
+    contacts: dict = field(default_factory=dict)
     notes: tuple = ()
     ok: bool = True
     interrupted: bool = False

@@ -178,6 +178,7 @@ def test_shipped_scene_by_name_or_path(tmp_path, monkeypatch):
         "hanging_cable",
         "paper_wire",
         "paper_wire_force",
+        "table",
         "two_grippers",
     }
     assert find_scene("paper_wire") == shipped_scene("paper_wire")

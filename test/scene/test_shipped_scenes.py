@@ -33,7 +33,9 @@ def raw_values(name: str, version: tuple[int, int]) -> dict:
 @pytest.mark.parametrize("name", NAMES)
 def test_doubles_are_written_as_doubles_because_ros_refuses_integers(name):
     values = raw_values(name, (1, 2))
-    rows = {row.key: row for row in scene_parameters(tuple(values.get("loads.names", ())))}
+    groups = ("loads", "grasps", "obstacles")
+    named = (tuple(values.get(f"{group}.names", ())) for group in groups)
+    rows = {row.key: row for row in scene_parameters(*named)}
     checked = 0
     for key, value in values.items():
         if rows[key].element_kind == "double":

@@ -8,7 +8,9 @@ from cables import scene_of, simulator
 
 from dlo_sim.batch import simulate_batch
 from dlo_sim.core import rotations
-from dlo_sim.scene.loading import SceneError
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.scene.loading import SceneError, load_scene
+from dlo_sim.simulation.simulator import Simulator
 
 RADIUS = 0.005
 ROD = {
@@ -177,3 +179,53 @@ def test_a_cable_that_begins_inside_an_obstacle_is_refused():
     falling({"obstacles.table.position": [0.0, 0.0, 0.055]})
     with pytest.raises(SceneError, match="orientation: .* is no rotation"):
         falling({"obstacles.table.orientation": [1e-200, 0.0, 0.0, 0.0]})
+
+
+def test_what_the_cable_cannot_reach_is_named():
+    far = {"obstacles.table.position": [0.0, 0.0, -1.0], "start.fixed": [True] * 3}
+    reason = falling(far).left_out["obstacles.table"]
+    assert reason == "1.05 m from the start of a cable of 0.5 m"
+    assert "obstacles.table" not in falling({"start.fixed": [True] * 3}).left_out
+    driven = {"start.pose_topic": "/pose"}
+    assert "obstacles.table" not in falling(far, driven).left_out
+
+
+def test_a_cable_is_drawn_from_the_table_round_the_peg():
+    """The shipped scene, with a gripper that lifts the cable and draws it past the peg."""
+    sim = Simulator(load_scene("table"))
+    motion = EndMotion(
+        start=0.0,
+        duration=1.0,
+        position=[0.0, 0.0, 0.003],
+        orientation=rotations.IDENTITY,
+        velocity=[0.1, 0.0, 0.05],
+    )
+    aside = motion.then(1.5, velocity=[0.1, 0.2, 0.0])
+    sim.set_motion("start", motion)
+    sim.set_motion("start", aside)
+    pegs = []
+    for _ in range(25):
+        assert sim.advance(0.1).status.ok
+        found = sim.contacts
+        assert found["table"].clearance > -0.01 * sim.scene.cable.diameter
+        pegs.append(np.linalg.norm(found["peg"].force))
+    assert max(pegs) > 0.1
+    assert sim.energy_error < 2e-5
+    # the weight is on the table, on the gripper, and by friction on the peg
+    weight = sim.scene.cable.mu * sim.scene.cable.length * 9.81
+    held = sim.reaction("start")[0][2] + sum(one.force[2] for one in found.values())
+    assert held == pytest.approx(weight, rel=0.05)
+
+
+def test_a_snapshot_continues_bit_for_bit_where_it_sticks():
+    rough = {"obstacles.table.friction": 0.5}
+    sim = falling(rough, DAMPED)
+    sim.advance(0.4)
+    kept = sim.snapshot()
+    sim.advance(0.3)
+    ended = sim.control_points, sim.contact("table").force
+    sim.restore(kept)
+    sim.advance(0.3)
+    assert (sim.control_points == ended[0]).all()
+    assert (sim.contact("table").force == ended[1]).all()
+    assert np.abs(ended[1][:2]).max() > 0.0
