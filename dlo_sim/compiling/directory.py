@@ -247,7 +247,7 @@ def _say(directory: Path) -> None:
         say_not_kept(obstacle)
     else:
         place = _printable(str(directory.parent))
-        _log_once(logging.INFO, f"once per installation, some 45 s, kept in {place}")
+        _log_once(logging.INFO, f"once per installation, some 25 s, kept in {place}")
 
 
 def say_not_kept(obstacle: str) -> None:

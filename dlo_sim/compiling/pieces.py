@@ -78,13 +78,15 @@ class Piece:
         if config.DISABLE_JIT:
             return self.function
         if terms not in self._ready:
-            self.load(terms)
+            with _quick_compilation():
+                self._load(terms)
+                if self._code is None:
+                    self._code = self._compiled(njit, nogil=True)
             self._ready.add(terms)
-        if self._code is None:
-            self._code = self._compiled(njit, nogil=True)
+        assert self._code is not None
         return self._code
 
-    def load(self, terms: int = 0) -> None:
+    def _load(self, terms: int) -> None:
         """Load whatever it calls for these terms, directly or through others."""
         wanted, known = [self], {self.name}
         while wanted:
@@ -115,10 +117,6 @@ class Piece:
             self._address[0] = self._native.address
 
     def _compiled(self, compiler: Callable[..., Any], **more: Any) -> Any:
-        with _quick_compilation():
-            return self._kept(compiler, **more)
-
-    def _kept(self, compiler: Callable[..., Any], **more: Any) -> Any:
         try:
             with kept(self.name):
                 return compiler(self._signature, cache=True, **_OPTIONS, **more)(self.function)

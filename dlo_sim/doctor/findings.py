@@ -92,7 +92,7 @@ def cache(base: Path, mine: Path, untrusted: str) -> Finding:
     if mine.is_dir() and any(mine.iterdir()):
         return ok(f"the cache {base} holds this version's machine code")
     what = f"the cache {base} has no machine code of this version"
-    return note(what, "nothing to do: the first start compiles once, for about 45 s")
+    return note(what, "nothing to do: the first start compiles once, for about 25 s")
 
 
 def _existing(path: Path) -> Path:

@@ -99,27 +99,33 @@ def open_account(cable):
     state.balance.energy_start = with_potentials(cable, work.results.kinetic)
 
 
+@part
+def open_balance(cable):
+    """|energy - start - work + dissipated| and the largest energy exchanged so far [J]; the energy
+    is in `work.results.total`.
+    """
+    state, balance, results = cable.state, cable.state.balance, cable.work.results
+    measure(cable)
+    results.total = with_potentials(cable, results.kinetic)
+    exchanged = max(balance.exchanged, results.kinetic)
+    for k in range(COUNT):
+        exchanged = max(exchanged, abs(state.energy[k] - state.energy_begin[k]))
+    exchanged = max(exchanged, max(abs(balance.load_work), abs(balance.drive_work)))
+    error = results.total - balance.energy_start - balance.load_work - balance.drive_work
+    return abs(error - balance.pending + balance.dissipated), exchanged
+
+
 @piece(boolean, CABLE)
 def update_account(cable):
-    """Update the error of the energy balance, |energy - start - work + dissipated|; the energy [J]
-    is in `work.results.total`.
+    """Update the error of the energy balance (`open_balance`).
 
     Returns whether the run is usable: the energy is finite, and the error at most DIVERGED_SHARE of
     the energy exchanged or of `balance.floor`.
     """
-    state, work, balance = cable.state, cable.work, cable.state.balance
+    balance = cable.state.balance
     count_torsion(cable)
-    measure(cable)
-    total = with_potentials(cable, work.results.kinetic)
-    exchanged = max(balance.exchanged, work.results.kinetic)
-    for k in range(COUNT):
-        exchanged = max(exchanged, abs(state.energy[k] - state.energy_begin[k]))
-    exchanged = max(exchanged, max(abs(balance.load_work), abs(balance.drive_work)))
-    error = total - balance.energy_start - balance.load_work - balance.drive_work
-    error = abs(error - balance.pending + balance.dissipated)
+    error, balance.exchanged = open_balance(cable)
     raise_floor(cable)
-    balance.exchanged = exchanged
     balance.error = max(balance.error, error)
-    work.results.total = total
-    usable = error <= DIVERGED_SHARE * max(exchanged, balance.floor)
-    return np.isfinite(total) and usable
+    usable = error <= DIVERGED_SHARE * max(balance.exchanged, balance.floor)
+    return np.isfinite(cable.work.results.total) and usable

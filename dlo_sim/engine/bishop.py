@@ -17,10 +17,11 @@ It is known at the end of a step, so this part of the angle of a moving clamp is
 from __future__ import annotations
 
 import numpy as np
+from numba import void
 
 from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, zero
 from dlo_sim.compiling.pieces import part, piece
-from dlo_sim.engine.arrays import BISHOP, MARGIN, MATERIAL, TWISTING
+from dlo_sim.engine.arrays import BISHOP, CABLE, LINES, MARGIN, MATERIAL, SPRUNG, TWISTING, VECTOR
 from dlo_sim.engine.grasps import first_direction
 from dlo_sim.engine.lines import copy, solve_line
 from dlo_sim.engine.natural_curvature import follow_natural, rest_twist_at
@@ -319,7 +320,7 @@ def cable_turned(cable, x, guess):
     return (4.0 * angle_of(fine, guess) - angle_of(coarse, guess)) / 3.0
 
 
-@part
+@piece(void, CABLE, VECTOR, LINES, terms=SPRUNG)
 def follow_springs(cable, psi, x):
     """Transform the anchors of the roll springs to the new frame of theta. The change of spring
     energy, by the error of psi and by the path of the tangent, counts as work of the grasp.

@@ -110,6 +110,14 @@ def measure(address):
     account.measure(cable_at(address))
 
 
+@piece((float64, float64), int64)
+def open_balance(address):
+    """Open energy balance, and energy exchanged so far or floor (`account.open_balance`) [J]."""
+    cable = cable_at(address)
+    error, exchanged = account.open_balance(cable)
+    return error, max(exchanged, cable.state.balance.floor)
+
+
 @piece(void, ARRAY, float64, ARRAY)
 def grasp_place(motion, t, out):
     """Attachment point (3) [m] and twist angle [rad] of a grasp at time t, from its numbers

@@ -289,14 +289,11 @@ class Cable:
         return self.arrays.state.energy.copy()
 
     def balance(self) -> tuple[float, float]:
-        """|energy - work done + energy lost| now and the largest energy exchanged so far [J]."""
-        parts, kinetic, account = self.potentials(), self.kinetic(), self.account
-        works = float(account.load_work), float(account.drive_work)
-        error = kinetic + float(parts.sum()) - account.energy_start - sum(works)
-        error += account.dissipated - account.pending
-        largest = float(np.abs(parts - self.arrays.state.energy_begin).max())
-        exchanged = max(float(account.exchanged), kinetic, largest, *np.abs(works))
-        return abs(float(error)), exchanged
+        """|energy - work done + energy lost| now, and the largest energy exchanged so far, at least
+        that below which differences are round-off [J].
+        """
+        error, exchanged = self.call(between_steps.open_balance)
+        return error, exchanged
 
     def settle(self, t: float) -> None:
         """Add the work up to time t, which a step leaves to the next one, to the account."""
@@ -310,7 +307,7 @@ class Cable:
     def share_open(self) -> float:
         """|energy - work done + energy lost| as a share of the energy exchanged so far."""
         error, exchanged = self.balance()
-        return error / max(exchanged, float(self.account.floor))
+        return error / exchanged
 
     # -- forces ---------------------------------------------------------------------------------
 

@@ -53,7 +53,7 @@ class NaturalShape:
             rows = weighted(model, self._rows)
             self._turning = to_blocks(rows)
             cable.natural = turned_rows(rows, self._turn(orientation))
-            between_steps.turn_natural.load()  # a tick must not have to compile it
+            between_steps.turn_natural.code()  # a tick must not have to compile it
 
     def turn(self, orientation: Array) -> None:
         """Turn with the start's end effector, which does the work."""

@@ -243,7 +243,7 @@ def test_one_line_when_machine_code_is_missing(recorder, capsys, monkeypatch, te
     out, err = capsys.readouterr()
     assert json.loads(out)["status"] == "ok" and out.count("\n") == 1
     kept = directory.base_directory()
-    line = f"dlo_sim: compiling, once per installation, some 45 s, kept in {kept}\n"
+    line = f"dlo_sim: compiling, once per installation, some 25 s, kept in {kept}\n"
     assert err.count("compiling") == 1 and line in err
     assert err == line or terminal
     assert main(["simulate", "paper_wire", "--duration", "0.5"]) == 0

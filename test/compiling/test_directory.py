@@ -101,7 +101,7 @@ def test_compiling_is_said_once_and_loading_is_not(
     for _ in range(2):
         assert fresh()(1.0) == 2.0
     (line,) = said()
-    assert line == f"compiling, once per installation, some 45 s, kept in {tmp_path}/dlo_sim"
+    assert line == f"compiling, once per installation, some 25 s, kept in {tmp_path}/dlo_sim"
     assert numba.config.CACHE_DIR == before, "the user's setting"
     loaded = fresh()
     assert loaded(1.0) == 2.0 and sum(loaded.code().stats.cache_hits.values()) == 1
