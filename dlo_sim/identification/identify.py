@@ -9,7 +9,16 @@ from dataclasses import dataclass, replace
 from dlo_sim.batch.workers import Workers
 from dlo_sim.identification.fit import Fit, FitError, Progress, fit
 from dlo_sim.identification.measurement import START_FRAMES, Recording
-from dlo_sim.identification.prediction import COMPUTATION, Prediction, position_error, predicted_of
+from dlo_sim.identification.prediction import (
+    COMPUTATION,
+    Prediction,
+    Score,
+    mean_score,
+    position_error,
+    predicted_of,
+    reaction,
+    score,
+)
 from dlo_sim.identification.problem import (
     HARDENING,
     YIELD,
@@ -19,7 +28,6 @@ from dlo_sim.identification.problem import (
     prepared,
     unknowns_of,
 )
-from dlo_sim.identification.scores import Score, mean_score, reaction, score
 from dlo_sim.replay.comparison import AxisComparison
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.report import DiscretizationError

@@ -1,4 +1,6 @@
-"""What a scene predicts of a recording: the same start, the same end effectors."""
+"""What a scene predicts of a recording, from the same start with the same end effectors, and how
+far that is from the recording.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 from dlo_sim.batch.workers import Workers
 from dlo_sim.core import bspline
 from dlo_sim.identification.measurement import START_FRAMES, Recording
+from dlo_sim.replay.comparison import AxisComparison, compare_reaction
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.error_estimate import POINTS, error_along
@@ -19,6 +22,7 @@ from dlo_sim.simulation.report import DiscretizationError
 from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
+SLOW = 0.5  # [s], error that lasts longer is slow
 PLACES = 50  # of the cable at which the direction of drag is looked at
 STEP = 0.01  # [s], where the scene chooses; half of it moves 12 markers by 0.1 mm
 # How recordings are simulated where nobody says otherwise; the start comes from the markers.
@@ -219,3 +223,69 @@ def begin(simulator: Simulator, recording: Recording, u: Array, frames: int) -> 
     simulator.start_from_points(
         np.concatenate(points, axis=1), recording.times[:frames], np.concatenate(coordinates)
     )
+
+
+@dataclass(frozen=True)
+class Score:
+    """Of one recording, in metres.
+
+    Attributes:
+        l1: sum over the frames after the first two of the mean |error| of coordinates, by the
+            number of all frames; markers on the grippers count with no error.
+        distance: mean distance of the free markers.
+        bias: mean distance of their mean errors from zero. slow: `l1` of the error averaged over
+            SLOW; fast: of the rest.
+    """
+
+    l1: float
+    distance: float
+    bias: float
+    slow: float
+    fast: float
+
+
+def score(recording: Recording, predicted: Array) -> Score:
+    """Score of predicted markers, shape (F, M, 3), frames 2 and later."""
+    error = (predicted - recording.markers)[2:]
+    slow = _averaged(error, max(1, round(SLOW / float(np.median(np.diff(recording.times))))))
+    return Score(
+        _l1(recording, error),
+        float(np.nanmean(np.linalg.norm(error, axis=-1))),
+        float(np.nanmean(np.linalg.norm(np.nanmean(error, axis=0), axis=-1))),
+        _l1(recording, slow),
+        _l1(recording, error - slow),
+    )
+
+
+def reaction(recording: Recording, predicted: Prediction) -> list[AxisComparison]:
+    """Predicted against measured forces, axis by axis; empty where none were measured."""
+    if recording.forces is None:
+        return []
+    times, known = recording.times, np.isfinite(recording.forces).all(axis=1)
+    return compare_reaction(
+        times, predicted.forces, times[known], recording.forces[known], sign=1.0
+    )
+
+
+def mean_score(scores: Sequence[Score]) -> Score:
+    """The mean of several."""
+    rows = np.array([(one.l1, one.distance, one.bias, one.slow, one.fast) for one in scores])
+    return Score(*rows.mean(axis=0).tolist())
+
+
+def _l1(recording: Recording, error: Array) -> float:
+    markers = error.shape[1]
+    share = markers / (markers + recording.counted) * len(error) / len(recording.times)
+    return float(np.nanmean(np.abs(error)) * share)
+
+
+def _averaged(error: Array, window: int) -> Array:
+    """Running mean over so many frames, fewer at both ends."""
+    total = np.cumsum(np.nan_to_num(error), axis=0)
+    count = np.cumsum(np.isfinite(error), axis=0)
+    first = np.arange(len(error)) - window // 2 - 1
+    last = np.clip(first + window + 1, 0, len(error) - 1)
+    before, inside = np.clip(first, 0, None), (first >= 0)[:, None, None]
+    sums = total[last] - np.where(inside, total[before], 0.0)
+    counts = count[last] - np.where(inside, count[before], 0)
+    return np.asarray(np.where(np.isfinite(error), sums / np.maximum(counts, 1), np.nan))

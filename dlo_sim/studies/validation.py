@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
 from dlo_sim.identification.measurement import LEAST_FRAMES, START_FRAMES, Recording
-from dlo_sim.identification.prediction import begin, interpolated, predict
+from dlo_sim.identification.prediction import Score, begin, interpolated, mean_score, predict, score
 from dlo_sim.identification.readers import read_recordings
-from dlo_sim.identification.scores import Score, mean_score, score
 from dlo_sim.scene.computation import Measured
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene

@@ -23,10 +23,9 @@ from dlo_sim.core import rotations
 from dlo_sim.identification.fit import Fit
 from dlo_sim.identification.identify import identify
 from dlo_sim.identification.measurement import Recording
-from dlo_sim.identification.prediction import COMPUTATION, Sensor, interpolated, predict
+from dlo_sim.identification.prediction import COMPUTATION, Sensor, interpolated, predict, reaction
 from dlo_sim.identification.problem import DELAY
 from dlo_sim.identification.readers import read_recordings
-from dlo_sim.identification.scores import reaction
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation.simulator import Simulator

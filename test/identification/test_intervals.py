@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from simulated_cables import TRUTH, recorded
 
-from dlo_sim.identification.intervals import covariance
+from dlo_sim.identification.fit import covariance
 
 ONE_PIECE = np.zeros(400, dtype=np.int64)
 ONES = np.ones((400, 1, 1))

@@ -11,9 +11,8 @@ from simulated_cables import TRUTH, recorded
 
 from dlo_sim.cli.main import main
 from dlo_sim.identification.measurement import MeasurementError, poses_of_two_markers
-from dlo_sim.identification.prediction import predict
+from dlo_sim.identification.prediction import predict, score
 from dlo_sim.identification.readers import read_recordings
-from dlo_sim.identification.scores import score
 from dlo_sim.replay.bags import BagWriter
 from dlo_sim.scene.loading import load_scene
 from dlo_sim.session import cdr
