@@ -52,7 +52,8 @@ class Workers:
         Raises:
             WorkerLost: a process was killed, by somebody or by the system for want of memory.
         """
-        return self.mapped(function, items)
+        with _named_loss():  # where work is handed out, and in `_watched` where results are taken
+            return _watched(self.mapped(function, items))
 
 
 HERE = Workers(1, map)
@@ -84,17 +85,9 @@ def open_workers(scheduler: str | None = None, processes: int | None = None) -> 
     others = {*multiprocessing.active_children()}
     pool = ProcessPoolExecutor(count, children())
     with cleanup(lambda: _end(pool, others)):
-        yield Workers(count, partial(_in_pool, pool))
+        yield Workers(count, pool.map)
         pool.shutdown()
         others |= {*multiprocessing.active_children()}  # the pool's have ended
-
-
-def _in_pool(
-    pool: ProcessPoolExecutor, function: Callable[[Item], Result], items: Sequence[Item]
-) -> Iterator[Result]:
-    """Results from processes, which begin at once."""
-    with _named_loss():
-        return _watched(pool.map(function, items))
 
 
 def _watched(results: Iterator[Result]) -> Iterator[Result]:
@@ -104,7 +97,7 @@ def _watched(results: Iterator[Result]) -> Iterator[Result]:
 
 @contextmanager
 def _named_loss() -> Iterator[None]:
-    """Name the loss of a process where work is handed out and where results are taken."""
+    """Turn the loss of a process into one line with the cure."""
     try:
         yield
     except BrokenProcessPool:
