@@ -312,7 +312,11 @@ class Shift(NamedTuple):
 
 
 class PoseTiming:
-    """What the poses of one end effector need."""
+    """What the poses of one end effector need.
+
+    Attributes:
+        fresh: whether anything has changed since this was last set to False.
+    """
 
     def __init__(self) -> None:
         self.timeout_ns = self.window_ns = 0
@@ -328,6 +332,7 @@ class PoseTiming:
 
     def clear(self) -> None:
         """Forget the last poses, since stamps or clock have jumped; the rate stays."""
+        self.fresh = True
         self._newest_ns: int | None = None
         self._delays: list[int] = []
         self._slot_ns = self._since_ns = self._least_ns = 0
@@ -335,6 +340,7 @@ class PoseTiming:
 
     def accept(self, stamp_ns: int, now_ns: int) -> None:
         """Note that a pose has come at this time of the time base [ns]."""
+        self.fresh = True
         self._note_delay(now_ns - stamp_ns, now_ns)
         newest_ns = self._newest_ns
         if newest_ns is None or stamp_ns > newest_ns:
@@ -348,6 +354,7 @@ class PoseTiming:
 
     def use(self, before_ns: int, stamp_ns: int) -> None:
         """Note that the path goes from one stamp to the next [ns]: none comes between any more."""
+        self.fresh = True
         self._used.append(stamp_ns - before_ns)
         if len(self._used) >= _FORESEEN:
             self._foreseen = 0

@@ -105,9 +105,12 @@ class Latency:
 
     def update(self) -> None:
         """Choose the lag from what is known of the poses now, or say what they need."""
+        if not any(timing.fresh for timing in self._timings.values()):
+            return
         before_ns = self.ns
         self._choose()
         for end, timing in self._timings.items():
+            timing.fresh = False
             need_ns = timing.need_ns
             if timing.slower_than_timeout:
                 enough = math.ceil(30 * timing.interval_ns / SECOND) / 10
