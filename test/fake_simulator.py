@@ -39,6 +39,8 @@ class Simulated(Protocol):
     @property
     def left_out(self) -> dict[str, str]: ...
     @property
+    def contacts(self) -> dict[str, Any]: ...
+    @property
     def warnings(self) -> tuple[str, ...]: ...
     @property
     def greville(self) -> Array: ...
@@ -77,6 +79,7 @@ class FakeSimulator:
         self.resolution = "5 control points as the scene asks"
         self.active_terms: tuple[str, ...] = ("stretch",)
         self.left_out = {"twist": "fake"}
+        self.contacts: dict[str, Any] = {}
         self.warnings: tuple[str, ...] = ()
         self.fail_at: int | None = None
         self.folds_at: int | None = None  # step after which the shape is reported as a fold
