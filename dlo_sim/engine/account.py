@@ -56,7 +56,7 @@ def raise_floor(cable):
 
 @part
 def count_torsion(cable):
-    """Update the counts of samples whose torsion is suppressed (`terms.torsion`)."""
+    """Update the counts of samples whose torsion is suppressed (`engine.torsion`)."""
     if cable.terms & TORSION:
         balance = cable.state.balance
         count = undefined_torsion(cable, cable.state.x)

@@ -1,4 +1,16 @@
-"""Twist relative to the Bishop frame, assembled: strain theta' + tau (`terms.bishop`).
+"""Twist relative to a rotation-minimising (Bishop) frame: its coupling to the centreline.
+
+Frames along the cable that follow the unit tangent T in time by the smallest rotations have a twist
+rate tau(u) [rad/m] along it, which changes between two shapes by
+    (t1 x t0) . (k0 / s0 + k1 / s1) / (s0 s1 + t0 . t1),   s = |r'|,
+exactly if T turns by less than half a turn. With the angle theta from that frame to the material
+frame, the twist is theta' + tau and its energy GJ/2 (theta' + tau)^2. The change of tau equals
+(t1 - t0) . G, so the twisting moment M acts on r' as M G; for equal shapes G is the binormal
+curvature t x k / s^3.
+
+theta is an angle in frames that move with the cable, so tau has no derivative by r'': the coupling
+does no work except that of the moments at the ends (Bergou et al. 2008, ACM Trans. Graph. 27 (3),
+63; Langer & Singer 1996, SIAM Review 38, 605-618).
 
 Within a step, the frame to which theta refers rotates with each tangent by the smallest rotation
 from its direction at the end of the last step (`state.reference`), and so has a twist rate tau
@@ -39,8 +51,33 @@ from dlo_sim.engine.spans import (
 from dlo_sim.engine.springs import rolls, row_of, spring_stiffness, spring_value
 from dlo_sim.engine.term import ENERGY, FLOW, FORCE
 from dlo_sim.engine.torsion import angle_block
-from dlo_sim.terms import bishop
 from dlo_sim.terms.material_frame import unit
+from dlo_sim.terms.vectors import combined, cross, dot
+
+
+@part
+def sum_of_curvatures(t0, k0, t1, k1):
+    """s0 s1 (k0 / s0 + k1 / s1), and 1 / (s0 s1 (s0 s1 + t0 . t1)): two square roots and one
+    division, which take most of the time.
+    """
+    s0, s1 = sqrt(dot(t0, t0)), sqrt(dot(t1, t1))
+    both = s0 * s1
+    return combined(s1, k0, s0, k1), 1.0 / (both * (both + dot(t0, t1)))
+
+
+@part
+def tau_change(t0, k0, t1, k1):
+    """Change of tau [rad/m] from shape 0 to shape 1."""
+    v, share = sum_of_curvatures(t0, k0, t1, k1)
+    return share * dot(cross(t1, t0), v)
+
+
+@part
+def tau_gradient(t0, k0, t1, k1):
+    """G, such that the twisting moment M acts on r' as M G."""
+    v, share = sum_of_curvatures(t0, k0, t1, k1)
+    half = 0.5 * share
+    return cross(combined(half, t0, half, t1), v)
 
 
 @part
@@ -59,7 +96,7 @@ def add_polynomial(a, f, xi):
 def tau_at(r, p, xi, s):
     """tau [rad/m] at a quadrature point of curve p, for theta's frame that follows from curve r."""
     t, k = tangent_at(r, xi), bending_at(r, xi, s)
-    return bishop.change(t, k, tangent_at(p, xi), bending_at(p, xi, s))
+    return tau_change(t, k, tangent_at(p, xi), bending_at(p, xi, s))
 
 
 @part
@@ -68,7 +105,7 @@ def turn_by_shape(cable, x0, x1, viscous, discrete, out):
     that depends on tau; `push_by_twist` adds the part on the centreline.
 
     Writes for it `work.coupling`, at every quadrature point: mean rate tau - rest twist [rad/m],
-    its change, and G of `terms.bishop` (3).
+    its change, and G (3).
 
     Args:
         viscous: beta / tau [-], 0 without damping. discrete: if false, x0 is x1.
@@ -91,7 +128,7 @@ def turn_by_shape(cable, x0, x1, viscous, discrete, out):
             row = cable.work.coupling[b, j]
             row[0] = rate
             row[1] = change
-            store_three(row, 2, bishop.discrete_gradient(t0, k0, t1, k1))
+            store_three(row, 2, tau_gradient(t0, k0, t1, k1))
         scatter(mesh, b, turned, -1.0, out[cable.dim])
 
 
@@ -134,7 +171,7 @@ def force(cable, _, x, out):
             t, k = tangent_at(p, xi), bending_at(p, xi, s)
             rate = tau_at(r, p, xi, s) - rest_twist_at(cable, b, j)
             turned = add_polynomial(turned, w * rate, xi)
-            stress, g = w * (rate + polynomial(angle, xi)), bishop.discrete_gradient(t, k, t, k)
+            stress, g = w * (rate + polynomial(angle, xi)), tau_gradient(t, k, t, k)
             g0 = add_sample(g0, stress * g[0], zero(), xi)
             g1 = add_sample(g1, stress * g[1], zero(), xi)
             g2 = add_sample(g2, stress * g[2], zero(), xi)

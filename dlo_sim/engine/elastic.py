@@ -12,7 +12,7 @@ bending. The axial strain is therefore projected onto constants, and onto linear
 first and the last span: n - 1 numbers, as many as r' has degrees of freedom along a straight cable.
 With m = 1/h integral eps du, l = 1/h integral eps xi du, f = 3 where linear, else 0, the energy is
 EA h/2 (m^2 + f l^2), and the projected strain at a sample is m + f xi l. What this leaves free is
-bounded by the span guard (`terms.span_guard`), a part of any stretching energy.
+bounded by the span guard (`engine.span_guard`), a part of any stretching energy.
 
 Discrete gradient. For configurations 0 and 1 it satisfies
     g(0, 1) . (q1 - q0) = U(q1) - U(q0)      and      g(q, q) = grad U(q)
@@ -48,8 +48,14 @@ from dlo_sim.engine.arrays import (
     STRETCH,
     THINNED,
 )
-from dlo_sim.engine.natural_curvature import natural_at
+from dlo_sim.engine.natural_curvature import (
+    density_gradient,
+    density_jacobian,
+    natural_at,
+    triple,
+)
 from dlo_sim.engine.span_guard import (
+    FORMS,
     discrete_guard_gradient,
     guard_energy,
     guard_gradient,
@@ -67,7 +73,7 @@ from dlo_sim.engine.spans import (
     store_three,
     tangent_at,
 )
-from dlo_sim.terms import bend, natural_curvature, span_guard, stretch, viscosity
+from dlo_sim.terms import bend, stretch, viscosity
 from dlo_sim.terms.vectors import combined, cross, dot
 
 # -- energy and force ------------------------------------------------------------------------------
@@ -389,9 +395,9 @@ def factor_natural(cable, b, j, ta, ka, tb, kb, t, k):
     """Add the natural and plastic curvature to the factors of sample j."""
     f, n = cable.work.factors, natural_at(cable, b, j)
     c0, c1 = dot(ta, ta), dot(tb, tb)
-    e0, e1 = natural_curvature.triple(n, ta, ka), natural_curvature.triple(n, tb, kb)
-    on_c, on_e = natural_curvature.discrete_gradient(c0, c1, e0, e1)
-    cc, ce, ec = natural_curvature.discrete_jacobian(c0, c1, e0, e1)
+    e0, e1 = triple(n, ta, ka), triple(n, tb, kb)
+    on_c, on_e = density_gradient(c0, c1, e0, e1)
+    cc, ce, ec = density_jacobian(c0, c1, e0, e1)
     kn, nt = cross(kb, n), cross(n, tb)
     more = combined(4.0 * cc, tb, 2.0 * ce, kn)
     for i in range(3):
@@ -530,7 +536,7 @@ def scatter_entry(cable, b, i, j, h0, h1, h2, scale, band):
 @part
 def add_guard(cable, b, p, q, scale, band):
     """Add the Jacobian of the span guard on a block: a sum of products of gradients of the
-    functions in `span_guard.FORMS`, at the midpoint and at the new configuration.
+    functions in `FORMS`, at the midpoint and at the new configuration.
     """
     before, after = products(p), products(q)
     gradient = discrete_guard_gradient(cable, b, before, after)
@@ -551,8 +557,8 @@ def add_guard(cable, b, p, q, scale, band):
                 (unit * g2, unit * g4, unit * g5),
             )
             h = add_dyad(h, 1.0, matrix_times(middle, m), matrix_times(new, q[j]))
-            for k in range(len(span_guard.FORMS)):
-                form = span_guard.FORMS[k]
+            for k in range(len(FORMS)):
+                form = FORMS[k]
                 h = add_dyad(h, factors[k], matrix_times(form, m), matrix_times(form, q[j]))
             scatter_entry(cable, b, i, j, h[0], h[1], h[2], scale, band)
 

@@ -1,5 +1,7 @@
-"""Natural and plastic curvature, assembled: vectors per quadrature point, fixed in the world or in
-the material frame.
+"""Natural curvature: - e / c^(3/2) with e = n . (r' x r'') and the vector n = EI kappa0 [N m].
+
+This is the mixed term of EI/2 |kappa - kappa0|^2, with the curvature kappa0 of the unloaded cable
+or the plastic curvature. The constant EI/2 |kappa0|^2 is left out.
 
 Fixed in the world, the natural curvature in the state changes only if the caller rotates it, the
 plastic one at the end of a step (`engine.plasticity`). In the material frame (bit MATERIAL) the
@@ -11,7 +13,7 @@ from __future__ import annotations
 
 from numba import boolean, int64, void
 
-from dlo_sim.compiling.lanes import LANES, lane, lane_sum, zero
+from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, zero
 from dlo_sim.compiling.pieces import NO, YES, part, piece
 from dlo_sim.engine.arrays import BENDING, CABLE, CURVED, LINES, MATERIAL, PLASTICITY, cable_at
 from dlo_sim.engine.plasticity import CURVATURE, TANGENT, curvature, slipping
@@ -30,8 +32,48 @@ from dlo_sim.engine.spans import (
     three,
 )
 from dlo_sim.engine.term import ENERGY, FORCE
-from dlo_sim.terms import material_frame, natural_curvature
+from dlo_sim.terms import material_frame
 from dlo_sim.terms.vectors import combined, cross, dot
+
+
+@part
+def triple(n, t, k):
+    """e = n . (t x k)."""
+    b = cross(t, k)
+    return n[0] * b[0] + n[1] * b[1] + n[2] * b[2]
+
+
+@part
+def density(n, t, k, c):
+    """- e / c^(3/2)."""
+    return -triple(n, t, k) / (c * sqrt(c))
+
+
+@part
+def density_gradient(c0, c1, e0, e1):
+    """Divided differences in c and e."""
+    s0, s1 = sqrt(c0), sqrt(c1)
+    both = 1.0 / (s0 * s1)
+    cube = both * both * both
+    return (
+        0.5 * (e0 + e1) * (c0 + s0 * s1 + c1) * cube * (1.0 / (s0 + s1)),
+        -0.5 * (c0 * s0 + c1 * s1) * cube,
+    )
+
+
+@part
+def density_jacobian(c0, c1, e0, e1):
+    """Derivatives of the divided differences (c, e) by (c1, e1): cc, ce, ec; ee is zero."""
+    s0, s1 = sqrt(c0), sqrt(c1)
+    numerator = c0 + s0 * s1 + c1
+    denominator = c0 * s0 * c1 * s1 * (s0 + s1)
+    slope = numerator * c0 * s0 * c1 * (3.0 * s0 + 4.0 * s1) / (denominator * denominator)
+    slope -= (s0 + 2.0 * s1) / denominator
+    return (
+        -0.25 * (e0 + e1) * slope / s1,
+        0.5 * numerator / denominator,
+        0.75 / (c1 * c1 * s1),
+    )
 
 
 @part
@@ -118,9 +160,9 @@ def natural_force(cable, x0, x1, turn, push, out):
                     integrated(1.0 / s, angle0, xi), integrated(1.0 / s, angle1, xi),
                     ta, tb, combined(0.5, across0, 0.5, across1),
                 )  # fmt: skip
-            on_c, on_e = natural_curvature.discrete_gradient(
+            on_c, on_e = density_gradient(
                 dot(ta, ta), dot(tb, tb),
-                natural_curvature.triple(n0, ta, ka), natural_curvature.triple(n1, tb, kb),
+                triple(n0, ta, ka), triple(n1, tb, kb),
             )  # fmt: skip
             if turn:
                 twisted = add_cubic(twisted, on_e * on_angle, xi)
@@ -167,7 +209,7 @@ def energy(cable, x, out):
             t, k, n = tangent_at(p, xi), bending_at(p, xi, s), natural_at(cable, b, j)
             if follows:
                 n = vector_now(n, tangent_at(r, xi), t, integrated(1.0 / s, angle, xi))
-            sum_ += natural_curvature.energy(n, t, k, dot(t, t))
+            sum_ += density(n, t, k, dot(t, t))
     out[BENDING] += lane_sum(sum_)
 
 
@@ -217,7 +259,7 @@ def add_natural_stiffness(cable, x0, x1, matrix):
             t, k = combined(0.5, ta, 0.5, tb), combined(0.5, ka, 0.5, kb)
             angle = 0.5 * (integrated(1.0 / s, angle0, xi) + integrated(1.0 / s, angle1, xi))
             m = vector_now(natural_at(cable, b, j), tangent_at(r, xi), t, angle)
-            shares[j] = -0.5 * natural_curvature.energy(m, t, k, dot(t, t))
+            shares[j] = -0.5 * density(m, t, k, dot(t, t))
         for first in range(4):
             for other in range(first + 1):
                 entry = zero()

@@ -1,6 +1,35 @@
-"""Assembly of the span guard (`terms.span_guard`): one evaluation per span, none per sample.
+"""Energy per length of what no knot span should do: stretch unevenly, or let its tangent vanish.
 
-Where it is zero on all spans of a block, its derivatives are skipped.
+Stretching by span (`engine.elastic`) sees means of the axial strain, so that strain which varies
+within a span costs nothing: a strongly bent cable can buy a small radius with a cusp, where |r'|
+falls to almost nothing beside places where it is a multiple of 1. And under violent compression,
+with any stretching energy, the tangent can pass through zero and a span turn over, at a clamp for
+ever. The guard, of fourth order in the strain,
+
+    U = EA/2 (k max(v - v0, 0)^2 + k_c sum max(c0 - c, 0)^2),
+
+bounds v, the variance of the local strain over the span (by span only), and c = |r'|^2 at both ends
+and in the middle of the span. It is exactly zero for v < v0 and |r'| > 0.5: for an even extension
+of any size, and for all that a span resolves.
+
+With r' = A + B xi + C xi^2 and |r'|^2 = A.A + u1 xi + u2 xi^2 + u3 xi^3 + u4 xi^4, v is a fourth of
+the variance of |r'|^2 (for |r'| near 1 that is the variance of |r'|), a weighted sum of squares of
+
+    n1 = u1 + 3/5 u3,   n2 = u2 + 6/7 u4,   n3 = u3,   n4 = u4
+
+(Legendre polynomials). As v is a quadratic form in the inner products of A, B and C, and c is
+linear in them, divided differences have closed forms without cancellation.
+
+k and v0 were chosen with 60 scenes of two grippers at rest with 13 control points, of lengths 0.3
+to 3 m, 2 to 98 % of the length apart, with ends turned by up to 0.5 rad. Without the guard the
+local strain deviates by up to 0.4 from that of the tension, and from poor first guesses |r'| falls
+to 0.003. With it |r'| is at least 0.8, and no scene whose error is below 2 % of the length errs by
+more than 1.05 times what it did. A smaller v0 makes more cables too stiff in bending (v0 = 0.0025:
+1.5 times), a larger k makes the wall stiff: just beyond v0 the cable is 4 k v0 = 4 times as stiff
+along itself. The second part holds off a span the more the shorter it gets: turning it over takes
+k_c c0^2 = 6 times the energy of compressing it to nothing.
+
+It is evaluated once per span, and its derivatives only where it is not zero on a span of a block.
 """
 
 from __future__ import annotations
@@ -8,7 +37,67 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import lane_sum, zero
 from dlo_sim.compiling.pieces import part
 from dlo_sim.engine.arrays import GUARDED, SPAN_STRETCH
-from dlo_sim.terms import contact, span_guard
+from dlo_sim.terms import contact
+
+STRENGTH = 100.0  # k
+EVEN = 0.01  # v0: a standard deviation of the strain of 10 %
+LENGTH_STRENGTH = 100.0  # k_c
+LEAST = 0.25  # c0
+WEIGHTS = 1.0 / 12.0, 1.0 / 45.0, 1.0 / 175.0, 16.0 / 11025.0  # of n1^2 .. n4^2 in v
+CUBIC, QUARTIC = 0.6, 6.0 / 7.0
+# Half the second derivatives of n1 .. n4 and of c at the start, middle and end of a span, with
+# respect to A, B and C: AA, AB, AC, BB, BC, CC.
+FORMS = (
+    (0.0, 1.0, 0.0, 0.0, CUBIC, 0.0),
+    (0.0, 0.0, 1.0, 1.0, 0.0, QUARTIC),
+    (0.0, 0.0, 0.0, 0.0, 1.0, 0.0),
+    (0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
+    (1.0, -1.0, 1.0, 1.0, -1.0, 1.0),
+    (1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    (1.0, 1.0, 1.0, 1.0, 1.0, 1.0),
+)
+
+
+@part
+def unevenness(inner):
+    """n1 .. n4 from the inner products AA, AB, AC, BB, BC, CC."""
+    _, ab, ac, bb, bc, cc = inner
+    u3 = 2.0 * bc
+    return 2.0 * ab + CUBIC * u3, bb + 2.0 * ac + QUARTIC * cc, u3, cc
+
+
+@part
+def room_of(n):
+    """v0 - v."""
+    v = WEIGHTS[0] * n[0] * n[0] + WEIGHTS[1] * n[1] * n[1]
+    return EVEN - (v + (WEIGHTS[2] * n[2] * n[2] + WEIGHTS[3] * n[3] * n[3]))
+
+
+@part
+def lengths_of(inner):
+    """c - c0 at the start, the middle and the end."""
+    aa, ab, ac, bb, bc, cc = inner
+    even, odd = aa + (bb + 2.0 * ac) + cc - LEAST, 2.0 * (ab + bc)
+    return even - odd, aa - LEAST, even + odd
+
+
+@part
+def products_gradient(on_v, n, on_c):
+    """Half the gradient with respect to A, B and C as a matrix AA, AB, AC, BB, BC, CC that
+    multiplies them, from dU/dv, n, and dU/dc at the three places. For the discrete gradient: from
+    divided differences and the means of n.
+    """
+    f1, f2 = 2.0 * on_v * WEIGHTS[0] * n[0], 2.0 * on_v * WEIGHTS[1] * n[1]
+    f3, f4 = 2.0 * on_v * WEIGHTS[2] * n[2], 2.0 * on_v * WEIGHTS[3] * n[3]
+    even, odd = on_c[0] + on_c[2], on_c[2] - on_c[0]
+    return (
+        even + on_c[1],
+        odd + f1,
+        even + f2,
+        even + f2,
+        odd + (CUBIC * f1 + f3),
+        even + (QUARTIC * f2 + f4),
+    )
 
 
 @part
@@ -19,8 +108,8 @@ def guard_stiffness(cable, b):
     mesh = cable.mesh
     length = (1.0 - mesh.padding[b]) / (mesh.share[b] + mesh.padding[b])
     axial = length * mesh.axial[b]
-    uneven = span_guard.STRENGTH if cable.terms & SPAN_STRETCH else 0.0
-    short = span_guard.LENGTH_STRENGTH if cable.terms & GUARDED else 0.0
+    uneven = STRENGTH if cable.terms & SPAN_STRETCH else 0.0
+    short = LENGTH_STRENGTH if cable.terms & GUARDED else 0.0
     return uneven * axial, short * axial
 
 
@@ -29,8 +118,8 @@ def gaps_of(inner):
     """n, v0 - v and c - c0 at three places from the inner products, and the sum of the negative
     ones: 0 where there is no guard.
     """
-    n, lengths = span_guard.unevenness(inner), span_guard.lengths(inner)
-    room = span_guard.room(n)
+    n, lengths = unevenness(inner), lengths_of(inner)
+    room = room_of(n)
     depth = contact.depth(room) + contact.depth(lengths[0])
     return n, room, lengths, depth + (contact.depth(lengths[1]) + contact.depth(lengths[2]))
 
@@ -46,7 +135,7 @@ def guard_gradient(cable, b, inner):
             short * contact.depth(lengths[1]),
             short * contact.depth(lengths[2]),
         )
-        return span_guard.products_gradient(-uneven * contact.depth(room), n, on_c)
+        return products_gradient(-uneven * contact.depth(room), n, on_c)
     return zero(), zero(), zero(), zero(), zero(), zero()
 
 
@@ -65,7 +154,7 @@ def discrete_guard_gradient(cable, b, before, after):
             contact.discrete_gradient(short, lengths0[1], lengths1[1]),
             contact.discrete_gradient(short, lengths0[2], lengths1[2]),
         )
-        return span_guard.products_gradient(on_v, sums(n0, n1), on_c)
+        return products_gradient(on_v, sums(n0, n1), on_c)
     return zero(), zero(), zero(), zero(), zero(), zero()
 
 
@@ -80,7 +169,7 @@ def guard_jacobian(cable, b, before, after):
     """Derivatives of `discrete_guard_gradient` with respect to the new configuration.
 
     Returns:
-        Factors of the products of the gradients of each of `span_guard.FORMS`, and two matrices, in
+        Factors of the products of the gradients of each of `FORMS`, and two matrices, in
         the form of `elastic.add_invariants`, whose product is that of the gradients of v.
     """
     uneven, short = guard_stiffness(cable, b)
@@ -88,17 +177,17 @@ def guard_jacobian(cable, b, before, after):
     n1, room1, lengths1, _ = gaps_of(after)
     on_v = -2.0 * contact.discrete_gradient(uneven, room0, room1)
     factors = (
-        on_v * span_guard.WEIGHTS[0],
-        on_v * span_guard.WEIGHTS[1],
-        on_v * span_guard.WEIGHTS[2],
-        on_v * span_guard.WEIGHTS[3],
+        on_v * WEIGHTS[0],
+        on_v * WEIGHTS[1],
+        on_v * WEIGHTS[2],
+        on_v * WEIGHTS[3],
         2.0 * contact.discrete_jacobian(short, lengths0[0], lengths1[0]),
         2.0 * contact.discrete_jacobian(short, lengths0[1], lengths1[1]),
         2.0 * contact.discrete_jacobian(short, lengths0[2], lengths1[2]),
     )
     curvature, none = contact.discrete_jacobian(uneven, room0, room1), (zero(), zero(), zero())
-    middle = span_guard.products_gradient(curvature, sums(n0, n1), none)
-    return factors, middle, span_guard.products_gradient(1.0, n1, none)
+    middle = products_gradient(curvature, sums(n0, n1), none)
+    return factors, middle, products_gradient(1.0, n1, none)
 
 
 @part

@@ -1,4 +1,16 @@
-"""Twist relative to the Frenet torsion, assembled: strain theta' - gamma (`terms.torsion`)."""
+"""Twist relative to the Frenet torsion gamma: the part of its energy that depends on gamma.
+
+With t = r', k = r'', c = r''' and C = t x k the torsion of the centreline is gamma = C.c / |C|^2,
+which is 0/0 on a straight cable and at an inflection. It is regularised as
+    gamma = C.c / (|C|^2 + delta^2)
+with the curvature floor delta [1/m]: the true torsion times |C|^2 / (|C|^2 + delta^2). This is
+smooth, zero on a straight cable, and bounded by |c| / (2 delta). The limits: where |C| is below
+delta, torsion is reduced by more than half; those samples are counted. The jump of the Frenet frame
+by half a turn at an inflection does not appear at all.
+
+GJ/2 (theta' - gamma)^2 is GJ/2 theta'^2, the plain twist term, plus
+GJ (gamma^2 / 2 - theta' gamma), which is here. Three dimensions only.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +27,43 @@ from dlo_sim.engine.spans import (
     tangent_at,
 )
 from dlo_sim.engine.term import ENERGY, FORCE
-from dlo_sim.terms import torsion
+from dlo_sim.terms.vectors import cross
+
+
+@part
+def torsion_of(floor, t, k, third):
+    """gamma, C, 1 / (|C|^2 + delta^2), |C|^2; `floor` is delta^2."""
+    b = cross(t, k)
+    square = b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
+    inverse = 1.0 / (square + floor)
+    return (b[0] * third[0] + b[1] * third[1] + b[2] * third[2]) * inverse, b, inverse, square
+
+
+@part
+def density(stiffness, floor, t, k, third, rate):
+    """GJ (gamma^2 / 2 - theta' gamma)."""
+    gamma, _, _, _ = torsion_of(floor, t, k, third)
+    return stiffness * gamma * (0.5 * gamma - rate)
+
+
+@part
+def density_gradient(stiffness, floor, t, k, third, rate):
+    """Gradients with respect to r', r'', r''' and theta'."""
+    gamma, b, inverse, _ = torsion_of(floor, t, k, third)
+    f = stiffness * (gamma - rate) * inverse  # dU = f (C.dc + e.dC), e = c - 2 gamma C
+    e = (
+        f * (third[0] - 2.0 * gamma * b[0]),
+        f * (third[1] - 2.0 * gamma * b[1]),
+        f * (third[2] - 2.0 * gamma * b[2]),
+    )
+    return cross(k, e), cross(e, t), (f * b[0], f * b[1], f * b[2]), -stiffness * gamma
+
+
+@part
+def excess(floor, t, k):
+    """|C|^2 - delta^2: negative where torsion is reduced by more than half."""
+    b = cross(t, k)
+    return b[0] * b[0] + b[1] * b[1] + b[2] * b[2] - floor
 
 
 @part
@@ -33,7 +81,7 @@ def angle_block(cable, x, b):
 
 @piece(*FORCE, terms=TORSION)
 def force(cable, _, x, out):
-    """out -= gradient of the energy of `terms.torsion`."""
+    """out -= gradient of the energy."""
     mesh, floor = cable.mesh, cable.physics.torsion_floor
     for b in range(cable.blocks):
         s = mesh.slope[b]
@@ -43,7 +91,7 @@ def force(cable, _, x, out):
         for j in range(cable.samples):
             xi, w = mesh.xi[b, j], cable.physics.GJ * mesh.weight[b, j]
             rate = angle[0] + xi * (angle[1] + xi * angle[2])
-            on_t, on_k, on_third, on_rate = torsion.gradient(
+            on_t, on_k, on_third, on_rate = density_gradient(
                 w, floor, tangent_at(p, xi), bending_at(p, xi, s), third, rate
             )
             g0 = add_sample(g0, on_t[0], s * on_k[0], xi)
@@ -59,7 +107,7 @@ def force(cable, _, x, out):
 
 @piece(*ENERGY, terms=TORSION)
 def energy(cable, x, out):
-    """Add the energy of `terms.torsion` [J]."""
+    """Add the energy [J]."""
     mesh, floor, sum_ = cable.mesh, cable.physics.torsion_floor, zero()
     for b in range(cable.blocks):
         s = mesh.slope[b]
@@ -68,21 +116,21 @@ def energy(cable, x, out):
         for j in range(cable.samples):
             xi, w = mesh.xi[b, j], cable.physics.GJ * mesh.weight[b, j]
             rate = angle[0] + xi * (angle[1] + xi * angle[2])
-            sum_ += torsion.energy(w, floor, tangent_at(p, xi), bending_at(p, xi, s), third, rate)
+            sum_ += density(w, floor, tangent_at(p, xi), bending_at(p, xi, s), third, rate)
     out[TORSIONAL] += lane_sum(sum_)
 
 
 @part
 def undefined_torsion(cable, x):
-    """Number of quadrature points with |C| below the curvature floor (`terms.torsion`)."""
+    """Number of quadrature points with |C| below the curvature floor."""
     mesh, count = cable.mesh, 0.0
     for b in range(cable.blocks):
         s, p = mesh.slope[b], curve(cable, x, b, 1.0)
         for j in range(cable.samples):
             xi, weight = mesh.xi[b, j], mesh.weight[b, j]
             floor = cable.physics.torsion_floor
-            excess = torsion.excess(floor, tangent_at(p, xi), bending_at(p, xi, s))
+            found = excess(floor, tangent_at(p, xi), bending_at(p, xi, s))
             for k in range(LANES):  # the weight is 0 beyond the last span
-                if lane(weight, k) != 0.0 and lane(excess, k) < 0.0:
+                if lane(weight, k) != 0.0 and lane(found, k) < 0.0:
                     count += 1.0
     return count

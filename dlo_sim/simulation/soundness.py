@@ -9,8 +9,8 @@ strain of an end span would explain a fold at a clamp. (With `discretization.str
 local stretch has its tension.)
 
 The bound is no measure of accuracy, which the error estimate is for. Coarse but sensible shapes
-stay below it: of 60 cables at rest between grippers (`terms.span_guard`) with 13 control points the
-worst deviates by 0.31, with an error of 5 % of the length. Shapes with cusps deviate by 0.6 and
+stay below it: of 60 cables at rest between grippers (`engine.span_guard`) with 13 control points,
+the worst deviates by 0.31, with an error of 5 % of the length. Shapes with cusps deviate by 0.6 and
 more.
 """
 

@@ -5,7 +5,7 @@ The control points q minimise
 subject to the constraints of ends and grasps, by Gauss-Newton steps from the solution without the
 last term. There e is the mean of (|r'|^2 - 1) / 2 over each knot span: a spline that kept its
 length at every point could hardly bend. excess is how far that of a quadrature point differs from
-e beyond EVEN: where the span guard would act (`terms.span_guard`), which holds a hundred times the
+e beyond EVEN: where the span guard would act (`engine.span_guard`), which holds a hundred times the
 energy of the cable. The velocities v minimise the same sum with r'.v' in place of e, without excess
 and without constraints. A point far from the prediction of the others is a spike and is rejected.
 BEND only selects among the curves that fit (with n_u = 17, predictions from 12 markers are the same

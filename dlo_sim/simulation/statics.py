@@ -20,7 +20,7 @@ plain Newton method then crawls. So the tension of the tangent matrix is not tha
 shape but that which the linear system itself predicted (the mixed iteration of Magisano, Leonetti &
 Garcea 2017, Int. J. Numer. Meth. Eng. 109, 1237-1262): the same equations and the same solution,
 found in a handful of iterations whatever the stiffness. (The guard of knot spans,
-`terms.span_guard`, needs no such treatment: 700 everyday scenes took as many iterations.)
+`engine.span_guard`, needs no such treatment: 700 everyday scenes took as many iterations.)
 
 Twist and shape are solved for in turn. Where that fails, and for inextensible cables, dynamic
 relaxation finds the equilibrium: steps in time with kinetic damping (Cundall 1976).
