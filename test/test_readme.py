@@ -187,7 +187,7 @@ def test_every_wrench_has_its_sign_and_frame(node_page):
 
 
 def test_parameters_named_in_the_text_exist(checkout):
-    known = {row.key for row in scene_parameters(("<name>", "force"), ("<name>",))}
+    known = {row.key for row in scene_parameters(("<name>", "force"), ("<name>",), ("<name>",))}
     groups = {key.partition(".")[0] for key in known if "." in key}
     text = "\n".join((checkout / page).read_text(encoding="utf-8") for page in PAGES)
     text = re.sub(r"<!-- parameters:begin.*?parameters:end -->", "", text, flags=re.DOTALL)

@@ -115,7 +115,9 @@ def _recorded(bag: Bag, scene: Scene) -> Trajectory:
     entries = [
         entry
         for entry in input_topics(scene)
-        if entry.is_pose and entry.type in bag.topics.get(resolved(entry.topic), ())
+        if entry.target in scene.holders  # obstacles rest along a plan
+        and entry.is_pose
+        and entry.type in bag.topics.get(resolved(entry.topic), ())
     ]
     if not entries:
         raise PlanError(

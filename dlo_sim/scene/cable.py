@@ -240,6 +240,9 @@ class Obstacle:
         position: Its centre, or of a plane a point on its surface.
         orientation: Quaternion x, y, z, w of its axes, world frame.
         friction: Coefficient of Coulomb friction of the cable on it; auto (-1) = contact.friction.
+        pose_topic: Topic of its pose (PoseStamped), which moves it; empty = it rests.
+        pose_timeout: Time without poses after which the last pose is held, with a warning.
+        pose_smoothing: Half the window of a local quadratic fit that smooths noisy poses; 0 = off.
     """
 
     name: str
@@ -248,6 +251,14 @@ class Obstacle:
     position: Vector = parameter(ORIGIN, "m", (-1.0e8, 1.0e8))
     orientation: Quaternion = parameter((0.0, 0.0, 0.0, 1.0), "", (-1.0, 1.0))
     friction: float = parameter(-1.0, "", (0.0, 100.0), auto=-1.0)
+    pose_topic: str = parameter("", read_only=True)
+    pose_timeout: float = parameter(1.0, "s", (0.01, 3600.0))
+    pose_smoothing: float = parameter(0.0, "s", (0.0, 1.0))
+
+    @property
+    def driven(self) -> bool:
+        """Whether poses from a topic move it."""
+        return bool(self.pose_topic)
 
     @property
     def normal(self) -> Vector:

@@ -53,7 +53,7 @@ EARTH = 9.81  # [m/s^2]
 DEPTH = 1e-3  # penetration of a cable into an obstacle under its weight on earth, in diameters
 Names = tuple[str, ...]
 # Groups with a block for each name, and their reserved names.
-_NAMED: dict[str, Names] = {"loads": (), "grasps": ("start", "end"), "obstacles": ()}
+_NAMED: dict[str, Names] = {"loads": (), "grasps": ("start", "end"), "obstacles": ("start", "end")}
 # Parameters of the node, not of the scene, that a scene file may contain.
 _NODE_KEYS = re.compile(
     r"(use_sim_time|start_type_description_service|qos_overrides\..*|lifecycle|cables)"
@@ -204,6 +204,14 @@ class Scene:
             KeyError: if there is none.
         """
         return {grasp.name: grasp for grasp in self.grasps}[name]
+
+    @cached_property
+    def moved(self) -> dict[str, Holder | Obstacle]:
+        """What poses move, by name."""
+        touched = self.obstacles if self.terms.contact != "off" else ()
+        bodies: dict[str, Holder | Obstacle] = {**self.holders}
+        bodies |= {obstacle.name: obstacle for obstacle in touched}
+        return {name: one for name, one in bodies.items() if one.driven}
 
     def holder_keys(self) -> list[tuple[str, Holder]]:
         """`holders` with the keys of their blocks."""
@@ -384,7 +392,7 @@ def _conflicts(scene: Scene) -> Conflicts:
         yield from _of(key, load, _load(key, load))
     yield from _load_frames(scene)
     yield from _topics(scene)
-    yield from _obstacles(scene.obstacles)
+    yield from _obstacles(scene.obstacles, {grasp.name for grasp in scene.grasps})
     yield from _times(scene)
     yield from _colors(scene)
 
@@ -558,6 +566,9 @@ def _topics(scene: Scene) -> Conflicts:
     """Malformed topic names, and topics read as two types."""
     holders = scene.holder_keys()
     inputs = [(f"{name}.pose_topic", one.pose_topic, one.pose_type) for name, one in holders]
+    inputs += [
+        (f"obstacles.{one.name}.pose_topic", one.pose_topic, "pose") for one in scene.obstacles
+    ]
     inputs += [(f"grasps.{one.name}.taken_topic", one.taken_topic, "taken") for one in scene.grasps]
     inputs += [(f"loads.{load.name}.topic", load.input_topic, load.type) for load in scene.loads]
     seen: dict[str, tuple[str, str]] = {}
@@ -572,8 +583,11 @@ def _topics(scene: Scene) -> Conflicts:
             yield key, topic, problem
 
 
-def _obstacles(obstacles: tuple[Obstacle, ...]) -> Conflicts:
+def _obstacles(obstacles: tuple[Obstacle, ...], grasps: set[str]) -> Conflicts:
     for obstacle in obstacles:
+        if obstacle.name in grasps:
+            problem = "is the name of a grasp too; rename one of them"
+            yield "obstacles.names", obstacle.name, problem
         used = {"plane": 0, "sphere": 1}.get(obstacle.shape, 3)
         if 0.0 in obstacle.size[:used]:
             problem = f"has a zero that a {obstacle.shape} needs; give its extents, or remove it"

@@ -296,6 +296,7 @@ def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
     free_to_leave = (
         any(load.signal == "none" for load in scene.loads)
         or _driven(scene)
+        or any(obstacle.driven for obstacle in scene.obstacles)
         or not (scene.start.held or scene.end.held)
     )
     if in_space or (switch == "auto" and free_to_leave):

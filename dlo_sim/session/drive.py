@@ -85,7 +85,7 @@ class Drive:
         self.scene = scene
         self._note = journal.event
         self._factory = factory
-        self.paths = {k: GripperPath(k, x, journal) for k, x in scene.holders.items() if x.driven}
+        self.paths = {k: GripperPath(k, x, journal) for k, x in scene.moved.items()}
         self._loads = {x.name: LoadSchedule(x) for x in scene.loads if x.input_topic}
         self._takes = {g.name: Waiting[TakeMessage]() for g in scene.grasps if g.taken_topic}
         self._timed: list[Waiting[Any]] = [*self._loads.values(), *self._takes.values()]
@@ -374,7 +374,7 @@ class Drive:
                 self.estimate.take_over()
             self._continue_motions(grid, old)
         for name, path in self.paths.items():
-            path.configure(scene.holders[name])
+            path.configure(scene.moved[name])
         for name, schedule in self._loads.items():
             schedule.configure(scene.load(name))
         self._hold_loads()

@@ -47,6 +47,7 @@ from dlo_sim.core.one_rotation import (
     turn_between,
     turned,
 )
+from dlo_sim.scene.cable import Obstacle
 from dlo_sim.scene.holders import Holder
 from dlo_sim.session.diagnostics import Journal
 from dlo_sim.session.time_base import SECOND
@@ -436,10 +437,10 @@ class _State(NamedTuple):
 
 
 class GripperPath(SmoothedPoses):
-    """The path of one end effector from its accepted poses.
+    """The path of one end effector, or obstacle, from its accepted poses.
 
     Args:
-        end: name of the end, for messages.
+        end: its name, for messages.
         holder: gives pose_timeout and pose_smoothing.
         journal: counts silences, returns and late poses.
 
@@ -449,14 +450,14 @@ class GripperPath(SmoothedPoses):
         timing: how often and how late poses come.
     """
 
-    def __init__(self, end: str, holder: Holder, journal: Journal) -> None:
+    def __init__(self, end: str, holder: Holder | Obstacle, journal: Journal) -> None:
         self.end = end
         self._note = journal.event
         self.timing = PoseTiming()
         super().__init__(0, 0, _MOST_WAITING)
         self.configure(holder)
 
-    def configure(self, holder: Holder) -> None:
+    def configure(self, holder: Holder | Obstacle) -> None:
         """Use the settings of this holder from the next pose on."""
         self.timeout_ns = self.longest_gap_ns = round(holder.pose_timeout * SECOND)
         self.half_window_ns = round(holder.pose_smoothing * SECOND)

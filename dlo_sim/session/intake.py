@@ -19,6 +19,7 @@ from dlo_sim.core.one_rotation import Quaternion, Vector, normalized, turn_betwe
 from dlo_sim.core.rotations import IDENTITY, multiply, rotate
 from dlo_sim.core.two_points import LEAST_APART, poses_of_two_points
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.holders import Holder
 from dlo_sim.session import cdr
 from dlo_sim.session.cdr import Stamped
 from dlo_sim.session.diagnostics import Journal, Refused, TopicRecord
@@ -266,9 +267,10 @@ class _Topic:
         """Use the settings of the targets in this scene."""
         targets = [entry.target for entry in self.entries]
         if self.is_pose:
-            holders = [scene.holders[target] for target in targets]
-            self.record.timeout = min(holder.pose_timeout for holder in holders)
-            self.spacing = max(holder.pose_spacing for holder in holders)
+            moved = [scene.moved[target] for target in targets]
+            self.record.timeout = min(one.pose_timeout for one in moved)
+            held = [one for one in moved if isinstance(one, Holder)]
+            self.spacing = max((holder.pose_spacing for holder in held), default=0.0)
         elif self.kind in ("wrench", "force"):
             self.record.timeout = min(scene.load(target).timeout for target in targets)
             self.frame = scene.load(targets[0]).frame
@@ -342,7 +344,7 @@ class Intake:
 
     def configure(self, scene: Scene) -> None:
         """Use limits, frames and timeouts of this scene, which has the same topics."""
-        self._expected = {name: x.position for name, x in scene.holders.items()}
+        self._expected = {name: x.position for name, x in scene.moved.items()}
         self._length = scene.cable.length
         self._limits, self._world = scene.inputs, scene.frame_id
         self._content = ContentCheck(scene)

@@ -183,7 +183,7 @@ class Pacing:
     def configure(self, scene: Scene, step: float) -> None:
         """Use the limits of this scene and the step [s] of its simulator."""
         inputs = scene.inputs
-        timeouts = [end.pose_timeout for end in scene.holders.values() if end.driven]
+        timeouts = [one.pose_timeout for one in scene.moved.values()]
         self.grid = OutputGrid(scene.rate)
         self.most_steps = max(1, round(max(inputs.catch_up, 1.0 / scene.rate) / step))
         if self._live:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dlo_sim.scene.description import Scene, parameters_of
+from dlo_sim.scene.holders import Holder
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import (
     ERROR,
@@ -447,8 +448,10 @@ class Session:
         missing = self._drive.without_pose if not self.started else self._waiting
         if missing:
             order = "first" if not self.started else "next"
-            holders = [self.scene.holders[name] for name in missing]
-            sources = [x.tf_frame or self._naming.topic(x.pose_topic) for x in holders]
+            moved = [self.scene.moved[name] for name in missing]
+            frames = [one.tf_frame if isinstance(one, Holder) else "" for one in moved]
+            topics = [self._naming.topic(one.pose_topic) for one in moved]
+            sources = [frame or topic for frame, topic in zip(frames, topics, strict=True)]
             return f"waiting for the {order} pose on {', '.join(dict.fromkeys(sources))}"
         return ""
 

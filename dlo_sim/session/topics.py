@@ -64,7 +64,7 @@ class InputTopic(NamedTuple):
         topic: its name as in the scene (`~/...`), or resolved.
         kind: `pose` or `two_points`, `wrench` or `force`, `taken`, `plan`, or `point_cloud` or
             `pose_array` of points on the cable.
-        target: name of the end, grasp or load; empty if it has none.
+        target: name of the end, grasp, obstacle or load; empty if it has none.
     """
 
     topic: str
@@ -89,6 +89,8 @@ def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
         for name, e in scene.holders.items()
         if e.pose_topic
     ]
+    bodies = [x for x in scene.obstacles if x.name in scene.moved]
+    found += [InputTopic(x.pose_topic, "pose", x.name) for x in bodies]
     found += [InputTopic(x.input_topic, x.type, x.name) for x in scene.loads if x.input_topic]
     found += [InputTopic(g.taken_topic, "taken", g.name) for g in scene.grasps if g.taken_topic]
     if scene.measured.type != "none":

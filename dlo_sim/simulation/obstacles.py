@@ -119,6 +119,18 @@ def at_rest(scene: Scene, origin: Array) -> Array:
     return rows
 
 
+def pose_at(row: Array, t: float, origin: Array) -> tuple[Array, Array]:
+    """Position [m] and quaternion x, y, z, w at time t [s] of a row of `Cable.obstacles`, in the
+    world.
+    """
+    s = min(max(t - row[START], 0.0), row[DURATION])
+    powers = np.array([1.0, s, s * s])
+    turn = powers[1:] @ row[TURN : TURN + 6].reshape(2, 3)
+    first = rotations.from_matrix(row[FRAME : FRAME + 9].reshape(3, 3))
+    there = rotations.multiply(rotations.from_rotation_vector(turn), first)
+    return powers @ row[POSITION : POSITION + 9].reshape(3, 3) + origin, there
+
+
 def write(row: Array, motion: EndMotion) -> None:
     """Make a row of `Cable.obstacles` the numbers of a motion."""
     row[START], row[DURATION] = motion.start, motion.duration
@@ -190,6 +202,8 @@ def out_of_reach(scene: Scene) -> dict[str, str]:
         if end.driven or not all(end.fixed):
             continue
         for one in scene.obstacles:
+            if one.driven:
+                continue
             gap = float(gaps(one, scene.cable.diameter, np.add(end.position, end.offset)))
             if gap > longest:
                 reason = f"{gap:.3g} m from the {name} of a cable of {scene.cable.length:.3g} m"

@@ -24,7 +24,7 @@ from dlo_sim.core.methods import CONSTRAINED, IMPLICIT
 from dlo_sim.core.strain import strain
 from dlo_sim.engine.arrays import ENERGIES, MATERIAL, TORSION
 from dlo_sim.engine.frames import curve_frames
-from dlo_sim.engine.grasps import ACTIVE
+from dlo_sim.engine.grasps import ACTIVE, POSITION, START
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.holders import Grasp
 from dlo_sim.scene.needs import (
@@ -119,8 +119,8 @@ class Simulator:
 
     Args:
         scene: what to simulate, from `dlo_sim.load_scene`.
-        end_poses: end-effector poses at time 0, {"start": (position [m] (3,), quaternion x, y, z, w
-            (4,)), ...}; the other ends have the poses of the scene.
+        end_poses: poses of end effectors and obstacles at time 0, {"start": (position [m] (3,),
+            quaternion x, y, z, w (4,)), ...}; the others have the poses of the scene.
         unchecked_step: use integrator.step even above the stability limit (to study stability).
 
     For an argument of a wrong type or value, every method raises a TypeError or ValueError of one
@@ -144,7 +144,10 @@ class Simulator:
         optional_terms.check_terms(scene, needs)
         check_named_method(scene)
         self._needs = needs
-        geometries = geometries_of(scene, end_poses)
+        bodies = {one.name for one in scene.obstacles}
+        given = {} if end_poses is None else end_poses
+        poses = {name: pose for name, pose in given.items() if name not in bodies}
+        geometries = geometries_of(scene, poses)
         self._origin = origin_of(geometries)
         self._geometries: Geometries = moved(geometries, -self._origin)
         model = build_model(scene, needs, self._geometries, origin=self._origin)
@@ -156,6 +159,8 @@ class Simulator:
         self._bases: dict[bytes, Basis] = {}
         self._steps, self._remainder = 0, 0.0
         self._fill_loads()
+        for name in bodies & set(given):
+            self.move_obstacle(name, EndMotion.resting(*given[name]))
         self._hold_cable()
         self._shape_naturally()
         lay = self._lay_natural_shape if self._natural.follows else None
@@ -585,7 +590,11 @@ class Simulator:
         row[6] = 0.0
 
     def end_pose(self, end: str) -> tuple[Array, Array]:
-        """End-effector pose at the present time: position [m] (3,), quaternion x, y, z, w (4,)."""
+        """Pose of an end effector or an obstacle at the present time: position [m] (3,), quaternion
+        x, y, z, w (4,).
+        """
+        if any(obstacle.name == end for obstacle in self.scene.obstacles):
+            return obstacles.pose_at(self._obstacle(end), self.time, self.model.origin)
         position, orientation = self._ends.pose(end, self.time)
         return position + self.model.origin, orientation
 
@@ -624,7 +633,7 @@ class Simulator:
         self._put_end(end, position, orientation, tangent)
 
     def set_motion(self, end: str, motion: EndMotion) -> None:
-        """Let an end effector follow a motion; afterwards it rests at its last pose.
+        """Let an end effector or an obstacle follow a motion; then it rests at its last pose.
 
         The motion begins now or later (it may be given up to a step late), where the end effector
         is at that time: `set_end` is for jumps. Until then the motions given before go on, so that
@@ -634,6 +643,8 @@ class Simulator:
         Raises:
             TypeError, ValueError: no end, no motion, or one that begins before now or elsewhere.
         """
+        if any(obstacle.name == end for obstacle in self.scene.obstacles):
+            return self.move_obstacle(end, motion)
         self._ends.check_motion(end, self.time, motion, self.step, self.model.origin)
         motion = motion.moved(-self.model.origin)
         if not self._ends.follow_later(end, self.time, motion):
@@ -664,13 +675,13 @@ class Simulator:
         Raises:
             TypeError, ValueError: no obstacle, or no motion.
         """
-        number = self._obstacle(name)
+        self._obstacle(name)
         arguments.instance("motion", motion, EndMotion, "dlo_sim.EndMotion")
         motion = motion.moved(-self.model.origin)
         leaves = obstacles.leaves_plane(motion, self.model.axes)
         needs = self._needs.spatial(self.scene) if leaves else self._needs
         self._need(needs)
-        row = self.cable.obstacles[number]
+        row = self._obstacle(name)
         obstacles.write(row, motion)
         row[ACTIVE] = 1.0
 
@@ -686,11 +697,15 @@ class Simulator:
         Raises:
             TypeError, ValueError: no obstacle that the cable can touch.
         """
-        return obstacles.contact_with(self.cable, self._obstacle(name))
+        self._obstacle(name)
+        return obstacles.contact_with(
+            self.cable, [o.name for o in self.scene.obstacles].index(name)
+        )
 
-    def _obstacle(self, name: str) -> int:
+    def _obstacle(self, name: str) -> Array:
+        """Motion of the obstacle of this name, a view."""
         names = [obstacle.name for obstacle in self.scene.obstacles if self._needs.contact]
-        return names.index(arguments.one_of("obstacle", name, names))
+        return self.cable.obstacles[names.index(arguments.one_of("obstacle", name, names))]
 
     def _put_end(
         self,
@@ -987,7 +1002,7 @@ class Simulator:
             for end in scene.ends
             if not any(scene.ends[end].tangent)
         }
-        poses = {name: self.end_pose(name) for name in scene.holders}
+        poses = {name: self.end_pose(name) for name in scene.holders | scene.moved}
         other = Simulator(scene.with_values(tangents), poses)
         other.scene, other.resolution = scene, resolution
         other.take_over(self)
@@ -1014,6 +1029,7 @@ class Simulator:
             at = self._geometries[name].u
             if at is not None and holder.holds_roll and not other.scene.holders[name].holds_roll:
                 self._ends.count_from(name, 0.0, self._angle_at(at, points))
+        self._take_over_obstacles(other)
         self._ends.pull_springs(self.cable, self.time)
         self._ends.put(points, 0.0)
         self.cable.point_grasps(0.0)
@@ -1026,6 +1042,17 @@ class Simulator:
             self.take(grasp)
         self.cable.open_account(self.scene)
         self._initial = self.snapshot()
+
+    def _take_over_obstacles(self, other: Simulator) -> None:
+        """Continue the motions of the other simulator's obstacles."""
+        theirs = {one.name: k for k, one in enumerate(other.scene.obstacles)}
+        for obstacle, row in zip(self.scene.obstacles, self.cable.obstacles, strict=False):
+            before = other.cable.obstacles[theirs[obstacle.name] :][:1]
+            if len(before) and before[0, ACTIVE]:
+                row[:] = before[0]
+                row[START] -= other.time
+                row[POSITION : POSITION + 3] += other._origin - self._origin
+        self.cable.place_obstacles(0.0)
 
     def _take_over_grasps(self, other: Simulator) -> list[str]:
         """Hold what the other simulator's grasps hold, as far as the scene agrees; returns the
