@@ -38,7 +38,10 @@ COUNTS = types.UniTuple(types.int64, 3)
 YES, NO = np.bool_(True), np.bool_(False)  # literal True makes numba compile another specialisation
 
 # Without wrappers for Python, which nobody calls, a scene compiles in four fifths of the time.
-part: Callable[[F], F] = njit(**_OPTIONS, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+# A part that is not inlined would be a function of every piece that calls it, optimised apart in
+# each; which of them runs would depend on the order of loading, and so would the bits.
+_PART: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+part: Callable[[F], F] = njit(**_PART, forceinline=True)
 
 
 class Piece:

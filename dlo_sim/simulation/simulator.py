@@ -1107,9 +1107,12 @@ class Simulator:
         return self._ends.orientation("start", self.time)
 
     def _load_ahead(self) -> None:
-        """Load the code of what may come, which no tick must have to compile: the twist that a
-        moment brings, and a grasp that takes or releases the cable.
+        """Load the code of what may come, which no step or tick must have to compile: reading the
+        state, the twist that a moment brings, and a grasp that takes or releases the cable.
         """
+        self.cable.velocities(0.0)
+        self.cable.balance()
+        self.cable.present_energy()
         needs = needs_of_load(self._needs, self.scene, None, np.ones(3))
         if moments_may_come(self.scene) and needs.twist and not self._needs.twist:
             self._need(needs)

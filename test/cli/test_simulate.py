@@ -277,12 +277,18 @@ def test_what_was_recorded_is_kept_when_interrupted(tmp_path):
 
 
 @pytest.mark.usefixtures("incomplete_machine_code")
-def test_first_and_second_run_of_a_user():
-    """One line where something has to be compiled, none where all of it was kept."""
+def test_first_and_second_run_of_a_user(tmp_path):
+    """One line where something has to be compiled, none where all of it was kept; and code that was
+    just compiled gives the bits of code that was kept."""
     command = [sys.executable, "-m", "dlo_sim", "simulate", "paper_wire", "--duration", "0.01"]
+    shapes = []
 
     def run() -> tuple[str, str]:
-        done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=True)
+        path = tmp_path / f"{len(shapes)}.npz"
+        more = ["--json", "--output", str(path)]
+        done = subprocess.run([*command, *more], capture_output=True, text=True, check=True)
+        with np.load(path) as made:
+            shapes.append(made["control_points"].tobytes())
         return done.stdout, done.stderr
 
     out, err = run()
@@ -291,6 +297,7 @@ def test_first_and_second_run_of_a_user():
     out, err = run()
     assert json.loads(out)["status"] == "ok"
     assert err == ""
+    assert shapes[0] == shapes[1]
 
 
 def test_real_run_from_the_command_to_the_file(tmp_path, capsys):

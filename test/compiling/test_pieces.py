@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from numba import float64, int64
+from numba import cfunc, config, float64, int64
 
 from dlo_sim.compiling.groups import Group, Reals, grid, group_at
 from dlo_sim.compiling.pieces import ARRAY, part, piece
@@ -116,3 +116,28 @@ def test_every_index_is_checked_on_demand():
     assert done.stdout.strip() == "3.0" and done.returncode == 1
     assert "IndexError: index outside of dimension 0" in done.stderr
     assert np.isfinite(sum_of(np.ones(3), 3))
+
+
+@part
+def _long(x, n):
+    """Too long to be inlined unasked where it is called several times."""
+    a = b = c = d = x
+    for k in range(n):
+        a, b, c, d = b * c + k, c * d - a, d * a + b / (1.0 + k), a * b - c
+        if a > 1e3:
+            a, b = np.sqrt(a), np.sin(b)
+        if c > 1e3:
+            c, d = np.sqrt(c), np.cos(d)
+    return a + b + c + d
+
+
+@pytest.mark.skipif(config.DISABLE_JIT, reason="nothing is compiled")
+def test_a_piece_contains_no_functions_of_its_parts():
+    """Pieces that had a copy each would share the one that is loaded first, in any order."""
+
+    def several(x, n):
+        return _long(x, n) + _long(2.0 * x, n + 1) + _long(3.0 * x, n + 2) + _long(x, n * n)
+
+    options = {"error_model": "numpy", "fastmath": {"contract"}}
+    code = cfunc(float64(float64, int64), **options)(several).inspect_llvm()
+    assert "_long" not in "".join(line for line in code.splitlines() if line.startswith("define"))
