@@ -33,7 +33,7 @@ from dlo_sim.engine.band import (
     turn_vector,
 )
 from dlo_sim.engine.elastic import add_tangent
-from dlo_sim.engine.grasps import ACTIVE, DURATION, START, place
+from dlo_sim.engine.grasps import ACTIVE, DURATION, START, direction_at, place
 from dlo_sim.engine.lines import (
     add,
     add_differences,
@@ -125,6 +125,13 @@ def grasp_place(motion, t, out):
     """
     a = place(grid(motion), t)
     out[0], out[1], out[2], out[3] = a[0], a[1], a[2], a[3]
+
+
+@piece(void, ARRAY, float64, ARRAY)
+def grasp_direction(motion, t, out):
+    """Unit direction of the cable at a grasp at time t, as `grasp_place`, into `out` (3,)."""
+    d = direction_at(grid(motion), t)
+    out[0], out[1], out[2] = d[0], d[1], d[2]
 
 
 @piece(void, int64, float64, ARRAY_2D)

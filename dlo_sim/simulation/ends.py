@@ -72,6 +72,12 @@ class EndDrive:
         between_steps.grasp_place(np.ascontiguousarray(self.motion[self._rows[end]]), t, out)
         return out
 
+    def direction_at(self, end: str, t: float) -> Array:
+        """`tangent` by the compiled motion, which takes a tenth of the time, but for round-off."""
+        out = np.empty(3)
+        between_steps.grasp_direction(np.ascontiguousarray(self.motion[self._rows[end]]), t, out)
+        return out
+
     def state_of(self, end: str) -> tuple[Array, EndMotion]:
         """Pose and motion of an end effector, for `set_state`."""
         return self.motion[self._rows[known_holder(self._scene, end)]].copy(), self._motions[end]
