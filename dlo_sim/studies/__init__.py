@@ -19,6 +19,7 @@ STUDIES = {
     "work-precision": "error against run time of methods, resolutions and steps",
     "omission": "time per step with and without each term of the shipped scenes, and the error "
     "of omitting it",
+    "contact": "known answers of contact and friction, error against run time",
     "validation": "predictions compared with recorded cables (--data), trivial references and the "
     "noise floor",
 }
