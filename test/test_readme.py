@@ -161,6 +161,7 @@ def test_table_of_topics_is_complete(node_page):
             "outputs.capsules": 10,
             "forecast.processes": 1,
             "measured.type": "point_cloud",
+            "obstacles.names": ["floor"],
         }
     )
     listened = (*input_topics(scene), *plan_topics(scene))

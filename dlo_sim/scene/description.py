@@ -205,10 +205,15 @@ class Scene:
         """
         return {grasp.name: grasp for grasp in self.grasps}[name]
 
+    @property
+    def touches(self) -> bool:
+        """Whether there are obstacles that the cable touches."""
+        return bool(self.obstacles) and self.terms.contact != "off"
+
     @cached_property
     def moved(self) -> dict[str, Holder | Obstacle]:
         """What poses move, by name."""
-        touched = self.obstacles if self.terms.contact != "off" else ()
+        touched = self.obstacles if self.touches else ()
         bodies: dict[str, Holder | Obstacle] = {**self.holders}
         bodies |= {obstacle.name: obstacle for obstacle in touched}
         return {name: one for name, one in bodies.items() if one.driven}

@@ -394,7 +394,7 @@ _STAMP_NS = 0x5AC3_96E1 * _NANO + 0x2B4D_7E81
 _NUMBER, _SHADE = -1.2345678912345678e-251, float(np.float32(-7.654321e-31))
 
 LINE_STRIP, LINE_LIST = 4, 5
-_SPHERE, _CYLINDER = 2, 3
+CUBE, SPHERE, CYLINDER = 1, 2, 3
 _DELETE_ALL = 3
 _NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # viewers complain about a zero quaternion
 
@@ -516,7 +516,7 @@ class CapsuleEncoder:
         self, frame_id: str, namespace: str, count: int, color: Color, lifetime_ns: int
     ) -> None:
         self._count, markers = count, []
-        for number, kind in enumerate([_CYLINDER] * count + [_SPHERE] * (count + 1)):
+        for number, kind in enumerate([CYLINDER] * count + [SPHERE] * (count + 1)):
             marker = _marker(frame_id, namespace, number, kind, color, lifetime_ns)
             marker.pose, marker.scale = _pose([_NUMBER] * 7), _vector([_NUMBER] * 3)
             markers.append(marker)
@@ -540,6 +540,41 @@ class CapsuleEncoder:
         rows[:, 7:] *= 2.0 * np.concatenate([radii, thick])[:, None]
         rows[:count, 9] = lengths
         return self._template.filled(stamp_ns, rows)
+
+
+class Body(NamedTuple):
+    """A marker of one shape: CUBE, SPHERE or CYLINDER, its pose (7), and its extents [m] (3)."""
+
+    kind: int
+    pose: Sequence[float]
+    extents: Sequence[float]
+
+
+def encode_contacts(
+    frame_id: str,
+    stamp_ns: int,
+    lifetime_ns: int,
+    bodies: Sequence[Body],
+    lines: Array,
+    width: float,
+    colors: tuple[Color, Color],
+) -> bytes:
+    """A MarkerArray of bodies, and of one LINE_LIST between the points of each pair in `lines`,
+    shape (2 k, 3).
+
+    Args:
+        width: of the lines [m]. colors: of bodies and of lines. Others as for `LineEncoder`.
+    """
+    markers = [_marker(frame_id, "contacts", 0, LINE_LIST, colors[1], lifetime_ns)]
+    markers[0].scale = _vector([width, 0.0, 0.0])
+    markers[0].points = [_vector(point, "Point") for point in lines.tolist()]
+    for number, body in enumerate(bodies, 1):
+        marker = _marker(frame_id, "contacts", number, body.kind, colors[0], lifetime_ns)
+        marker.pose, marker.scale = _pose(body.pose), _vector(body.extents)
+        markers.append(marker)
+    for marker in markers:
+        marker.header = _new_header(frame_id, stamp_ns)
+    return write(MARKER_ARRAY, STORE.types[MARKER_ARRAY](markers))
 
 
 def encode_marker_delete_all(kind: str, frame_id: str, stamp_ns: int) -> bytes:

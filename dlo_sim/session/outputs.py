@@ -15,6 +15,8 @@ state)
 - `~/points` (PointCloud2, if enabled): the points of the centerline with u [m] and, where the scene
   determines it, tension [N]; float64 beyond 1 km from the origin, else float32.
 - `~/capsules` (MarkerArray, if enabled): capsules that enclose the cable.
+- `~/contacts` (MarkerArray, with obstacles): the obstacles, and a line along the force on the
+  cable at every sample that touches.
 - `/tf` (TFMessage, if enabled): both ends of the cable with the material frame there, x axis =
   tangent from start to end; the end effector of each grasp, whether it holds the cable or not.
 """
@@ -29,13 +31,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_sim.core import rotations
 from dlo_sim.core.color_scale import colors
-from dlo_sim.scene.description import Scene
+from dlo_sim.scene.cable import Obstacle
+from dlo_sim.scene.description import EARTH, Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.topics import (
     CAPSULES,
     CENTERLINE,
+    CONTACTS,
     CONTROL_POINTS,
     CONTROL_POLYGON,
     DEFAULT_NAMING,
@@ -52,6 +57,8 @@ Array = NDArray[np.float64]
 
 _CABLE_COLOR = (0.95, 0.55, 0.1, 1.0)
 _POLYGON_COLOR = (0.3, 0.5, 0.9, 0.6)
+_BODY_COLOR, _FORCE_COLOR = (0.6, 0.6, 0.6, 0.5), (0.9, 0.1, 0.1, 1.0)
+_PLATE = 1e-3  # [m], thickness of the marker of a plane
 _MARKER_PERIODS = 5  # after which a marker that is not renewed disappears
 _FINER = 4  # points of the cable per capsule from which its radius is computed
 
@@ -81,7 +88,7 @@ class Outputs:
     def __init__(self, scene: Scene, control_points: int, node: str = DEFAULT_NAMING.node) -> None:
         wanted, frame, width = scene.outputs, scene.frame_id, scene.cable.diameter
         samples, capsules = wanted.centerline_samples, wanted.capsules
-        lifetime = round(_MARKER_PERIODS * SECOND / wanted.marker_rate)
+        self._lifetime = lifetime = round(_MARKER_PERIODS * SECOND / wanted.marker_rate)
         self.not_finite = 0
         self._scene, self._node = scene, node.lstrip("/")
         self._samples = np.linspace(0.0, scene.cable.length, samples)
@@ -96,6 +103,8 @@ class Outputs:
             frame, "control_polygon", control_points, 0.3 * width, _POLYGON_COLOR, lifetime
         )
         self._fields = ["x", "y", "z", "u"] + ["tension"] * (not scene.without_tension)
+        # The weight of the cable has a tenth of its length.
+        self._length_per_force = 0.1 / (scene.cable.mu * EARTH)
         self._capsules = cdr.CapsuleEncoder(frame, "capsules", capsules, _CABLE_COLOR, lifetime)
         encoders: dict[str, _Encode] = {
             CONTROL_POINTS: self._encode_control_points,
@@ -103,6 +112,7 @@ class Outputs:
             CONTROL_POLYGON: self._encode_control_polygon,
             POINTS: self._encode_points,
             CAPSULES: self._encode_capsules,
+            CONTACTS: self._encode_contacts,
             TF: self._encode_transforms,
         }
         encoders |= {
@@ -179,6 +189,20 @@ class Outputs:
         radii = 0.5 * self._scene.cable.diameter + _sag(line[:-1].reshape(-1, _FINER, 3), joints)
         return self._capsules.encode(stamp_ns, joints, radii)
 
+    def _encode_contacts(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
+        scene, bodies, lines = self._scene, [], [np.zeros((0, 3))]
+        for obstacle in scene.obstacles:
+            bodies += _bodies(obstacle, *simulator.end_pose(obstacle.name), scene.cable.length)
+            found = simulator.contact(obstacle.name)
+            ends = found.points + self._length_per_force * found.forces
+            lines.append(np.stack([found.points, ends], axis=1).reshape(-1, 3))
+        forces = np.concatenate(lines)
+        if not (_finite(forces) and all(_finite(np.array(body.pose)) for body in bodies)):
+            return None
+        width, colors = 0.3 * scene.cable.diameter, (_BODY_COLOR, _FORCE_COLOR)
+        head = scene.frame_id, stamp_ns, self._lifetime
+        return cdr.encode_contacts(*head, bodies, forces, width, colors)
+
     def _encode_transforms(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         simulator.control_poses(self._poses.rows)
         poses = {"start": self._poses.rows[0], "end": self._poses.rows[-1]}
@@ -187,6 +211,25 @@ class Outputs:
             return None
         frames = {f"{self._node}/{name}": pose for name, pose in poses.items()}
         return cdr.encode_transforms(stamp_ns, self._scene.frame_id, frames)
+
+
+def _bodies(obstacle: Obstacle, position: Array, turned: Array, length: float) -> list[cdr.Body]:
+    """Markers of an obstacle at a pose; a plane is a plate of four lengths of the cable."""
+    x, y, z = obstacle.size
+    up = rotations.rotate(turned, np.array([0.0, 0.0, 1.0]))
+
+    def body(kind: int, away: float, *extents: float) -> cdr.Body:
+        return cdr.Body(kind, [*(position + away * up), *turned], extents)
+
+    if obstacle.shape == "plane":
+        return [body(cdr.CUBE, -0.5 * _PLATE, 4.0 * length, 4.0 * length, _PLATE)]
+    if obstacle.shape == "box":
+        return [body(cdr.CUBE, 0.0, x, y, z)]
+    if obstacle.shape == "cylinder":
+        return [body(cdr.CYLINDER, 0.0, x, x, z)]
+    straight = max(z - x, 0.0) if obstacle.shape == "capsule" else 0.0
+    caps = [body(cdr.SPHERE, side * 0.5 * straight, x, x, x) for side in (-1.0, 1.0)]
+    return [*caps, body(cdr.CYLINDER, 0.0, x, x, straight)] if straight else caps[:1]
 
 
 def _sag(pieces: Array, joints: Array) -> Array:

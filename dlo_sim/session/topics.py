@@ -15,6 +15,7 @@ CENTERLINE = "~/centerline"
 CONTROL_POLYGON = "~/control_polygon"
 POINTS = "~/points"
 CAPSULES = "~/capsules"
+CONTACTS = "~/contacts"
 PLAN = "~/plan"
 MEASURED = "~/measured"
 FORECAST = "~/forecast"
@@ -25,6 +26,7 @@ MARKERS = {
     CENTERLINE: cdr.MARKER,
     CONTROL_POLYGON: cdr.MARKER,
     CAPSULES: cdr.MARKER_ARRAY,
+    CONTACTS: cdr.MARKER_ARRAY,
     GHOSTS: cdr.MARKER,
 }
 REACTION = "~/{}/reaction"
@@ -39,6 +41,7 @@ def output_topics(scene: Scene) -> dict[str, str]:
     """Topic -> ROS type of all outputs of a scene, in the order of publication."""
     free = {REACTION.format(name) for name, holder in scene.holders.items() if not holder.held}
     asked = {POINTS: scene.outputs.points, CAPSULES: scene.outputs.capsules, TF: scene.outputs.tf}
+    asked[CONTACTS] = scene.touches
     asked |= dict.fromkeys((FORECAST, GHOSTS), scene.forecast.processes)
     free |= {topic for topic, wanted in asked.items() if not wanted}
     return {topic: kind for topic, kind in possible_outputs(scene).items() if topic not in free}

@@ -14,7 +14,9 @@ from dlo_sim.ros.topics import Outputs
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session.topics import CONTROL_POINTS, MARKERS
 
-SCENE = scene_from_values({**HELD, "outputs.capsules": 3, "forecast.processes": 1})
+SCENE = scene_from_values(
+    {**HELD, "outputs.capsules": 3, "forecast.processes": 1, "obstacles.names": ["floor"]}
+)
 REACTION = "~/start/reaction"
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from rosbags.typesys import Stores, get_typestore
 from session_bench import MS, SECOND, T0
 
 from dlo_sim.scene.loading import SceneError, scene_from_values
@@ -25,6 +26,7 @@ BELT = {
     "obstacles.belt.friction": 0.5,
     "obstacles.belt.pose_topic": "/belt_pose",
 }
+STORE = get_typestore(Stores.ROS2_JAZZY)
 SPEED = 0.1  # [m/s]
 
 
@@ -64,6 +66,20 @@ def test_a_belt_carries_the_cable_along():
     assert float(values["clearance [m]"]) < 0.0
     again = carried(3.0)[1]
     assert out and out == again
+
+
+def test_obstacles_and_forces_are_shown():
+    """One marker for the belt where it is, and lines with the weight of the cable."""
+    session, _ = carried(1.0)
+    simulator = session.simulator
+    (message,) = session.messages((), ["~/contacts"])
+    lines, body = STORE.deserialize_cdr(message.data, message.type).markers
+    assert (body.type, body.scale.x, body.scale.z) == (1, pytest.approx(1.2), 1e-3)
+    place = simulator.end_pose("belt")[0]
+    assert (body.pose.position.x, body.pose.position.z) == pytest.approx((place[0], -5e-4))
+    points = np.array([[p.x, p.y, p.z] for p in lines.points]).reshape(-1, 2, 3)
+    assert len(points) == len(simulator.contact("belt").u) > 4
+    assert (points[:, 1] - points[:, 0])[:, 2].sum() == pytest.approx(0.03, rel=1e-2)
 
 
 def test_the_error_estimate_moves_the_belt_too():
