@@ -81,7 +81,7 @@ class Piece:
         if config.DISABLE_JIT:
             return self.function
         if terms not in self._ready:
-            with _quick_compilation():
+            with _collector_waits():
                 self._load(terms)
                 if self._code is None:
                     self._code = self._compiled(njit, nogil=True)
@@ -136,19 +136,15 @@ class Piece:
 
 
 @contextlib.contextmanager
-def _quick_compilation() -> Iterator[None]:
-    """Context in which numba compiles in three quarters of the time, to code that is as fast.
-
-    Without its loop vectoriser and its last level of optimisation, as the lanes are vectors from
-    the start; and without a search for reference cycles among its many new objects.
+def _collector_waits() -> Iterator[None]:
+    """Context without the search for reference cycles, which would take a tenth of a compilation:
+    numba makes many objects, and few cycles.
     """
-    before, collects = (config.OPT, config.LOOP_VECTORIZE), gc.isenabled()
-    config.OPT, config.LOOP_VECTORIZE = type(config.OPT)(2), 0
+    collects = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        config.OPT, config.LOOP_VECTORIZE = before
         if collects:
             gc.enable()
 
