@@ -1,8 +1,8 @@
 """What every test may use: the checkout's folder, and child processes that import the same code.
 
-`pytest -n 3 --dist loadfile --no-loadscope-reorder` (pytest-xdist) gives whole files to three
-processes, in the order below; so the fixtures of a file are built once. That is one process more
-than there are cores: tests of the node wait for it most of the time.
+`pytest -n auto --dist loadfile --no-loadscope-reorder` (pytest-xdist) gives whole files
+to one process per core, in the order below; so the fixtures of a file are built once. With more
+processes a node gets too little time for the tests that compare it with its replay.
 """
 
 from __future__ import annotations
