@@ -232,3 +232,22 @@ def test_a_snapshot_continues_bit_for_bit_where_it_sticks():
     assert (sim.control_points == ended[0]).all()
     assert (sim.contact("table").force == ended[1]).all()
     assert np.abs(ended[1][:2]).max() > 0.0
+
+
+@pytest.mark.parametrize("method", ["velocity_verlet", "forest_ruth", "rk4", "zhai"])
+def test_explicit_steps_come_to_rest_on_a_rough_table(method):
+    """Their kicks of friction take energy; a kick too large would feed it."""
+    lying = {
+        "start.position": [0.0, 0.0, 0.0051],
+        "end.position": [0.5, 0.0, 0.0051],
+        "obstacles.table.friction": 0.3,
+        "terms.out_of_plane": "on",
+    }
+    sim = falling(lying, method=method, step=0.0)
+    lost = []
+    for _ in range(20):
+        assert sim.advance(0.01).status.ok
+        lost.append(float(sim.cable.account.dissipated))
+    assert np.diff(lost).min() > -1e-12 * max(lost)
+    assert max(lost) > 1e-6
+    assert sim.energy().kinetic < 1e-9
