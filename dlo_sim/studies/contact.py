@@ -199,11 +199,11 @@ def capstan(wrap: float, points: int) -> Measured:
     return Measured((Answer("pull [N]", exact, float(np.mean(pulls))),), seconds, sim)
 
 
-def conveyor(step: float) -> Measured:
+def conveyor(step: float, method: str = "energy_momentum") -> Measured:
     """A rope held at one end on a belt that runs below it: the belt pulls with mu w L."""
     soft: Values = {"cable.bending_stiffness": 1e-4, "discretization.control_points": 40}
     rough: Values = {"start.fixed": [True] * 3, "obstacles.table.friction": BELT_FRICTION}
-    sim = simulator(LYING, {"end.fixed": [False] * 3}, soft, rough, step=step)
+    sim = simulator(LYING, {"end.fixed": [False] * 3}, soft, rough, step=step, method=method)
     sim.move_obstacle("table", motion(10.0, np.zeros(3), np.array([0.2, 0.0, 0.0])))
     seconds, pulls = advanced(sim, 1.0), []
     for _ in range(100):

@@ -62,6 +62,11 @@ def test_a_conveyor_drags_what_one_end_holds():
     within(contact.conveyor(1e-3), 0.01)
 
 
+def test_an_explicit_method_feels_the_conveyor_too():
+    (answer,) = contact.conveyor(0.0, "velocity_verlet").answers
+    assert abs(answer.error) < 0.03
+
+
 def test_an_explicit_method_slides_and_sticks_alike():
     sim = contact.pulled(8.0, 0.0, "velocity_verlet")
     sim.advance(1.0)
