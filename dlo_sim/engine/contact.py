@@ -791,31 +791,6 @@ def dissipate(cable, tau):
     balance.contact_way += balance.contact_moved
 
 
-@piece(void, CABLE, LINES, terms=CONTACT)
-def add_held_friction(cable, out):
-    """out += friction of the bristles, as it is after explicit steps that slide or stick steadily;
-    their kicks are not among the forces.
-    """
-    contact, state, none = cable.contact, cable.state, (zero(), zero(), zero())
-    for o in range(contact.count):
-        law, pose, pick = contact.law[o], state.pose[o], contact.rule[o]
-        for b in range(cable.blocks):
-            if state.near[b, o] == 0.0 or law[FRICTION] == 0.0:
-                continue
-            g0, g1, g2, g3 = none, none, none, none
-            for j in range(0, contact.last[b], contact.stride[pick]):
-                w, e = contact.weight[b, j, pick], contact.basis[b, j]
-                push = to_lines(pose, END, bristle_of(state, b, o, j))
-                push = scaled(-law[BRISTLE] * w, push)
-                g0, g1 = combined(1.0, g0, e[0], push), combined(1.0, g1, e[1], push)
-                g2, g3 = combined(1.0, g2, e[2], push), combined(1.0, g3, e[3], push)
-            at = MARGIN + LANES * b
-            add_to_point(cable, at, g0, out)
-            add_to_point(cable, at + 1, g1, out)
-            add_to_point(cable, at + 2, g2, out)
-            add_to_point(cable, at + 3, g3, out)
-
-
 # -- what touches, for reports -------------------------------------------------------------------
 
 

@@ -136,11 +136,9 @@ def grasp_direction(motion, t, out):
 
 @piece(void, int64, float64, ARRAY_2D)
 def forces_now(address, t, out):
-    """Potential and load forces, and friction, at the present shape into the lines `out`."""
+    """Potential and load forces at the present configuration into the lines `out`."""
     cable, f = cable_at(address), grid(out)
     all_forces(cable, cable.state.x, f)
-    if cable.terms & CONTACT:
-        contact.add_held_friction(cable, f)
     load_force(cable, cable.state.x, t, f)
 
 
