@@ -10,7 +10,7 @@ can be followed in a debugger.
 from __future__ import annotations
 
 import operator
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numba import config, types
@@ -101,9 +101,6 @@ else:
         return builder.shuffle_vector(lane, start, everywhere)
 
     class _Binary(AbstractTemplate):
-        # Tried before numba's own templates, which would take a twentieth of all compilation.
-        metadata: ClassVar[dict[str, str]] = {"target": "cpu"}
-
         def generic(self, args: Any, kws: Any) -> Any:
             """Signature for two vectors, or a vector and a number."""
             known = all(kind is vector or isinstance(kind, types.Number) for kind in args)

@@ -95,7 +95,7 @@ def one_of(name: str, value: object, known: Iterable[str]) -> str:
         return value
     refusal = ValueError if isinstance(value, str) else TypeError
     there = ", ".join(known)
-    cure = f"give one of {there}" if there else "there are none"
+    cure = f"give one of {there}" if there else "there are none; the scene needs to name one"
     raise refusal(f"{name}: {given(value)} is not known; {cure}")
 
 

@@ -450,8 +450,10 @@ class Session:
             order = "first" if not self.started else "next"
             moved = [self.scene.moved[name] for name in missing]
             frames = [one.tf_frame if isinstance(one, Holder) else "" for one in moved]
-            topics = [self._naming.topic(one.pose_topic) for one in moved]
-            sources = [frame or topic for frame, topic in zip(frames, topics, strict=True)]
+            sources = [
+                frame or self._naming.topic(one.pose_topic)
+                for frame, one in zip(frames, moved, strict=True)
+            ]
             return f"waiting for the {order} pose on {', '.join(dict.fromkeys(sources))}"
         return ""
 

@@ -146,7 +146,9 @@ class Simulator:
         self._needs = needs
         bodies = {one.name for one in scene.obstacles}
         given = {} if end_poses is None else end_poses
-        poses = {name: pose for name, pose in given.items() if name not in bodies}
+        poses = given
+        if isinstance(given, Mapping):  # else `geometries_of` refuses it
+            poses = {name: pose for name, pose in given.items() if name not in bodies}
         geometries = geometries_of(scene, poses)
         self._origin = origin_of(geometries)
         self._geometries: Geometries = moved(geometries, -self._origin)

@@ -124,6 +124,13 @@ TERMS = {
 VERLET: Values = {"integrator.method": "velocity_verlet", "integrator.step": 0.0}
 PLAIN: Values = {"damping.stiffness": 0.0, "damping.air_drag": 0.0}
 UNBENT: Values = {"cable.rest_curvature": [0.0]}
+
+
+def _smooth(scene: Scene) -> Values:
+    """No friction, which rattle does not know."""
+    return {f"obstacles.{one.name}.friction": 0.0 for one in scene.obstacles}
+
+
 # The inertia of twist is left out by an implicit method only.
 IMPLICIT: Values = {"integrator.method": "energy_momentum", "integrator.step": 0.0}
 METHODS: tuple[Values, ...] = (
@@ -132,6 +139,7 @@ METHODS: tuple[Values, ...] = (
 )
 COMMON: tuple[Change, ...] = (
     {},
+    _smooth,
     _present_twist,
     TWIST,
     SPACE,

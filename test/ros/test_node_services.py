@@ -22,6 +22,7 @@ def node(launch: Callable[..., NodeProcess], peer: Peer) -> NodeProcess:
     node = launch({**CABLE, "rate": 100})
     peer.watched = node
     peer.until(lambda: peer.node.count_services("/dlo_sim/reset"), "node", START)
+    peer.until(lambda: "dlo_sim" in peer.node.get_node_names(), "the name of the node")
     return node
 
 

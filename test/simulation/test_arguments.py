@@ -107,6 +107,12 @@ CALLS = {
     "frames": [(lambda sim, x: sim.frames(x), "u", ())],
     "control_poses": [(lambda sim, x: sim.control_poses(x), "out", ())],
     "end_pose": [(lambda sim, x: sim.end_pose(x), "end", ())],
+    "set_obstacle": [
+        (lambda sim, x: sim.set_obstacle(x, [0.0, 0.0, 0.0]), "obstacle", ()),
+        (lambda sim, x: sim.set_obstacle("floor", x), "end motion: position", ()),
+    ],
+    "move_obstacle": [(lambda sim, x: sim.move_obstacle(x, end_motion()), "obstacle", ())],
+    "contact": [(lambda sim, x: sim.contact(x), "obstacle", ())],
     "reaction": [(lambda sim, x: sim.reaction(x), "end", ())],
     "reaction_wrench": [(lambda sim, x: sim.reaction_wrench(x), "end", ())],
 }
