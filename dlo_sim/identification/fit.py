@@ -21,6 +21,7 @@ numbers by -H^-1 J^T W e. Two kinds of error count:
 from __future__ import annotations
 
 import importlib.util
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -368,6 +369,6 @@ def _correlated_frames(errors: Array) -> int:
     """Frames up to which errors are correlated: twice the first lag below 1/e, at least 1."""
     power = float(np.sum(errors**2))
     for lag in range(1, len(errors) // 4):
-        if float(np.sum(errors[lag:] * errors[:-lag])) < power / np.e:
+        if float(np.sum(errors[lag:] * errors[:-lag])) < power / math.e:
             return 1 if lag == 1 else 2 * lag
     return max(1, len(errors) // 4)
