@@ -37,12 +37,6 @@ from dlo_sim.terms.vectors import cross
 
 
 @part
-def width_of(dim):
-    """Stored entries of a matrix row: 8 dim - 1, padded with zeros to whole vectors."""
-    return 16 if dim == 2 else 32
-
-
-@part
 def clear_band(band):
     """band = 0."""
     for r in range(len(band)):

@@ -54,7 +54,7 @@ from dlo_sim.engine.arrays import (
 from dlo_sim.engine.grasps import POSITION, component, elapsed, moves, turned
 from dlo_sim.engine.lines import add, clear, copy, kinetic, solve_mass
 from dlo_sim.engine.rows import project
-from dlo_sim.terms.contact import depth
+from dlo_sim.terms.one_sided import depth
 from dlo_sim.terms.vectors import combined, dot
 
 HALF_SPACE, BOX, CYLINDER = 0, 1, 2  # kinds of cores

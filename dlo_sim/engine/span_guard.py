@@ -37,7 +37,7 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import lane_sum, zero
 from dlo_sim.compiling.pieces import part
 from dlo_sim.engine.arrays import GUARDED, SPAN_STRETCH
-from dlo_sim.terms import contact
+from dlo_sim.terms import one_sided
 
 STRENGTH = 100.0  # k
 EVEN = 0.01  # v0: a standard deviation of the strain of 10 %
@@ -120,8 +120,8 @@ def gaps_of(inner):
     """
     n, lengths = unevenness(inner), lengths_of(inner)
     room = room_of(n)
-    depth = contact.depth(room) + contact.depth(lengths[0])
-    return n, room, lengths, depth + (contact.depth(lengths[1]) + contact.depth(lengths[2]))
+    depth = one_sided.depth(room) + one_sided.depth(lengths[0])
+    return n, room, lengths, depth + (one_sided.depth(lengths[1]) + one_sided.depth(lengths[2]))
 
 
 @part
@@ -131,11 +131,11 @@ def guard_gradient(cable, b, inner):
     if lane_sum(depth) < 0.0:
         uneven, short = guard_stiffness(cable, b)
         on_c = (
-            short * contact.depth(lengths[0]),
-            short * contact.depth(lengths[1]),
-            short * contact.depth(lengths[2]),
+            short * one_sided.depth(lengths[0]),
+            short * one_sided.depth(lengths[1]),
+            short * one_sided.depth(lengths[2]),
         )
-        return products_gradient(-uneven * contact.depth(room), n, on_c)
+        return products_gradient(-uneven * one_sided.depth(room), n, on_c)
     return zero(), zero(), zero(), zero(), zero(), zero()
 
 
@@ -148,11 +148,11 @@ def discrete_guard_gradient(cable, b, before, after):
     n1, room1, lengths1, depth1 = gaps_of(after)
     if lane_sum(depth0 + depth1) < 0.0:
         uneven, short = guard_stiffness(cable, b)
-        on_v = -0.5 * contact.discrete_gradient(uneven, room0, room1)
+        on_v = -0.5 * one_sided.discrete_gradient(uneven, room0, room1)
         on_c = (
-            contact.discrete_gradient(short, lengths0[0], lengths1[0]),
-            contact.discrete_gradient(short, lengths0[1], lengths1[1]),
-            contact.discrete_gradient(short, lengths0[2], lengths1[2]),
+            one_sided.discrete_gradient(short, lengths0[0], lengths1[0]),
+            one_sided.discrete_gradient(short, lengths0[1], lengths1[1]),
+            one_sided.discrete_gradient(short, lengths0[2], lengths1[2]),
         )
         return products_gradient(on_v, sums(n0, n1), on_c)
     return zero(), zero(), zero(), zero(), zero(), zero()
@@ -175,17 +175,17 @@ def guard_jacobian(cable, b, before, after):
     uneven, short = guard_stiffness(cable, b)
     n0, room0, lengths0, _ = gaps_of(before)
     n1, room1, lengths1, _ = gaps_of(after)
-    on_v = -2.0 * contact.discrete_gradient(uneven, room0, room1)
+    on_v = -2.0 * one_sided.discrete_gradient(uneven, room0, room1)
     factors = (
         on_v * WEIGHTS[0],
         on_v * WEIGHTS[1],
         on_v * WEIGHTS[2],
         on_v * WEIGHTS[3],
-        2.0 * contact.discrete_jacobian(short, lengths0[0], lengths1[0]),
-        2.0 * contact.discrete_jacobian(short, lengths0[1], lengths1[1]),
-        2.0 * contact.discrete_jacobian(short, lengths0[2], lengths1[2]),
+        2.0 * one_sided.discrete_jacobian(short, lengths0[0], lengths1[0]),
+        2.0 * one_sided.discrete_jacobian(short, lengths0[1], lengths1[1]),
+        2.0 * one_sided.discrete_jacobian(short, lengths0[2], lengths1[2]),
     )
-    curvature, none = contact.discrete_jacobian(uneven, room0, room1), (zero(), zero(), zero())
+    curvature, none = one_sided.discrete_jacobian(uneven, room0, room1), (zero(), zero(), zero())
     middle = products_gradient(curvature, sums(n0, n1), none)
     return factors, middle, products_gradient(1.0, n1, none)
 
@@ -195,5 +195,5 @@ def guard_energy(cable, b, inner):
     """Energy of the guard on every span of a block [J]."""
     uneven, short = guard_stiffness(cable, b)
     _, room, lengths, _ = gaps_of(inner)
-    ends = contact.energy(short, lengths[0]) + contact.energy(short, lengths[2])
-    return contact.energy(uneven, room) + (ends + contact.energy(short, lengths[1]))
+    ends = one_sided.energy(short, lengths[0]) + one_sided.energy(short, lengths[2])
+    return one_sided.energy(uneven, room) + (ends + one_sided.energy(short, lengths[1]))

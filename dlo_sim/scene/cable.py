@@ -169,7 +169,8 @@ class Water:
 
     Parameters:
         density: Density of the water; 0 = no water. The cable displaces its section.
-        velocity: Velocity of its current, world frame.
+        velocity: Velocity of its current, world frame. An equilibrium at the start is that in still
+            water; from there the cable drifts.
         drag: Drag coefficient across the cable, on its diameter.
         drag_along: Drag coefficient along the cable, on its surface.
     """

@@ -15,6 +15,7 @@ import pytest
 from damage import REALS, damage_bag, damaged_message
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plans import still_plan
 
 from dlo_sim.replay.bags import BagError, BagWriter
 from dlo_sim.replay.replay import ReplayError, replay_bag
@@ -96,22 +97,7 @@ def valid_messages(kind):
         return seen.encode(stamp_ns)
 
     def plan(stamp_ns):
-        types = cdr.STORE.types
-        still = types["geometry_msgs/msg/Transform"](
-            cdr.new("geometry_msgs/msg/Vector3"),
-            types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
-        )
-        points = [
-            cdr.new(
-                "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
-                transforms=[still],
-                time_from_start=types["builtin_interfaces/msg/Duration"](0, nanoseconds),
-            )
-            for nanoseconds in (100_000_000, 500_000_000)
-        ]
-        stamp = types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, SECOND))
-        header = types["std_msgs/msg/Header"](stamp, "world")
-        return cdr.write(cdr.TRAJECTORY, types[cdr.TRAJECTORY](header, ["start"], points))
+        return still_plan((100_000_000, 500_000_000), stamp_ns, "world")
 
     return {
         "/pose": lambda t: pose.encode(t, (0.0, 0.02 * np.sin(t * 3e-9), 0.0, 0, 0, 0, 1)),

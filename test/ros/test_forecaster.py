@@ -13,41 +13,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plans import still_plan
 
 from dlo_sim import load_scene
 from dlo_sim.process import beginning
 from dlo_sim.ros import forecaster as room
 from dlo_sim.ros.forecaster import Forecaster
-from dlo_sim.session import cdr
 from dlo_sim.session.plans import Request
 from dlo_sim.session.session import Session
 
-TIMES = np.linspace(0.0, 0.1, 7000)  # with the poses 450 kB, a pipe takes 64 kB
-
-
-def plan() -> bytes:
-    """A plan that stays where it is."""
-    types = cdr.STORE.types
-    still = types["geometry_msgs/msg/Transform"](
-        cdr.new("geometry_msgs/msg/Vector3"),
-        types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
-    )
-    points = [
-        cdr.new(
-            "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
-            transforms=[still],
-            time_from_start=types["builtin_interfaces/msg/Duration"](0, round(1e9 * time)),
-        )
-        for time in TIMES
-    ]
-    return cdr.write(cdr.TRAJECTORY, cdr.new(cdr.TRAJECTORY, joint_names=["start"], points=points))
+TIMES_NS = np.linspace(0, 100_000_000, 7000).astype(int).tolist()  # 450 kB, a pipe takes 64 kB
 
 
 @pytest.fixture
 def forecaster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Forecaster]:
     session = Session(load_scene({"forecast.processes": 1, "damping.stiffness": 0.01}))
 
-    asked = Request(plan(), 7, session.simulator, 7, {})
+    asked = Request(still_plan(TIMES_NS), 7, session.simulator, 7, {})
     monkeypatch.setattr(room, "request", lambda *arguments: asked)
     found = Forecaster(session, "/plan", 1)
     yield found
@@ -157,7 +139,7 @@ def test_its_warnings_are_lines_as_those_of_its_parent(
     monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
     beginning.use_lines(as_node)
     session = Session(load_scene({"damping.stiffness": 0.01}))
-    asked = Request(plan(), 7, session.simulator, Zero(), {})  # type: ignore[arg-type]
+    asked = Request(still_plan(TIMES_NS), 7, session.simulator, Zero(), {})  # type: ignore[arg-type]
     monkeypatch.setattr(room, "request", lambda *arguments: asked)
     forecaster = Forecaster(session, "/plan", 1)
     try:

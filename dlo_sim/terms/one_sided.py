@@ -1,4 +1,6 @@
-"""Frictionless contact: k/2 g^2 per length of cable where the gap g to an obstacle is negative."""
+"""Energy of what only pushes: k/2 min(g, 0)^2, with the gap g to an obstacle (`engine.contact`), or
+what a strain has left to its bound (`engine.span_guard`).
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,7 @@ def energy(stiffness, g):
 
 @part
 def share_inside(g0, g1):
-    """Share of the interval from g0 to g1 that is negative, inside the obstacle."""
+    """Share of the interval from g0 to g1 that is negative."""
     return fabs(depth(g0) + depth(g1)) / (fabs(g0) + fabs(g1) + TINY)
 
 
