@@ -1,6 +1,9 @@
 """A scene: the complete definition of a simulation, as frozen dataclasses in SI units.
 
-The path of an attribute is the key of its parameter (`scene.cable.length` is `cable.length`).
+The path of an attribute is the key of its parameter (`scene.cable.length` is `cable.length`), and
+its description is in the docstring of its class: ROS declarations, checks and the tables of
+config/README.md are generated from them. What a scene derives from its parameters is a property.
+
 Scenes are built by `scene_from_values`, so that every scene has passed the checks: of single values
 (`parameter.check_value`), then of values that are valid one by one but not together. Each rule of
 the latter yields the key, its value and the problem with the cure; the first one refuses the scene.
@@ -13,30 +16,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
-from dlo_sim.scene.cable import (
-    Cable,
-    Contact,
-    Damping,
-    Load,
-    Obstacle,
-    Plasticity,
-    Torsion,
-    Vector,
-    Water,
-)
-from dlo_sim.scene.computation import (
-    Accuracy,
-    Discretization,
-    Forecasts,
-    Initial,
-    Inputs,
-    Integrator,
-    Measured,
-    Outputs,
-    State,
-    Terms,
-)
-from dlo_sim.scene.holders import End, Grasp, Holder
 from dlo_sim.scene.parameter import (
     Parameter,
     check_names,
@@ -51,6 +30,10 @@ from dlo_sim.scene.refusal import SceneError, brief, refusal, shown
 
 EARTH = 9.81  # [m/s^2]
 DEPTH = 1e-3  # penetration of a cable into an obstacle under its weight on earth, in diameters
+ORIGIN = (0.0, 0.0, 0.0)
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Switches = tuple[bool, bool, bool]
 Names = tuple[str, ...]
 # Groups with a block for each name, and their reserved names.
 _NAMED: dict[str, Names] = {"loads": (), "grasps": ("start", "end"), "obstacles": ("start", "end")}
@@ -58,8 +41,6 @@ _NAMED: dict[str, Names] = {"loads": (), "grasps": ("start", "end"), "obstacles"
 _NODE_KEYS = re.compile(
     r"(use_sim_time|start_type_description_service|qos_overrides\..*|lifecycle|cables)"
 )
-
-
 _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 LEAST_STEP = 1e-9  # [s]; 0 = chosen automatically
 LEAST_DENSITY = 1e-15  # [kg/m], of the least diameter and density allowed
@@ -67,6 +48,700 @@ LEAST_QUATERNION = 1e-3  # norm below which an orientation is refused
 _LARGEST_STRETCH = 2.0  # distance of held ends, in lengths, above which it is surely a mistake
 
 Conflicts = Iterator[tuple[str, object, str]]
+
+# -- the cable, what surrounds it and what acts on it ---------------------------------------------
+
+
+@dataclass(frozen=True)
+class Cable:
+    """Material and cross-section. Direct values of 0 are derived from moduli, density, diameter.
+
+    Parameters:
+        length: Rest length L.
+        diameter: Diameter D of the round section.
+        density: Density rho.
+        youngs_modulus: Young's modulus E.
+        shear_modulus: Shear modulus G.
+        linear_density: Mass per length mu; 0 = rho pi D^2 / 4. The polar inertia per length is mu
+            D^2 / 8.
+        axial_stiffness: EA; 0 = E pi D^2 / 4, as of a solid section, also if bending_stiffness is
+            given.
+        bending_stiffness: EI; 0 = E pi D^4 / 64, as of a solid section, also if axial_stiffness is
+            given.
+        torsional_stiffness: GJ; 0 = 2 G / E EI, as of an isotropic section (G pi D^4 / 32 if it is
+            solid).
+        rest_curvature: Natural curvature at equally spaced points from start to end, interpolated
+            linearly; one value = constant.
+        rest_curvature_axis: Axis about which the unloaded cable is bent: a unit vector in the frame
+            of the start end effector, normal to the cable where it leaves the start. Where twist
+            acts on the shape it follows the material frame along the cable. Positive curvature
+            rotates the tangent about it by the right-hand rule.
+        rest_curvature_2: Natural curvature in the second plane, in the same format: about the axis
+            tangent x rest_curvature_axis, with the tangent where the cable leaves the start.
+        rest_twist: Twist rate of the unloaded cable, in the same format; needs terms.twist auto,
+            bishop or quasistatic.
+    """
+
+    length: float = parameter(1.0, "m", (1.0e-4, 1.0e4))
+    diameter: float = parameter(0.005, "m", (1.0e-6, 1.0))
+    density: float = parameter(1200.0, "kg/m^3", (1.0e-2, 1.0e5))
+    youngs_modulus: float = parameter(1.0e7, "Pa", (1.0, 1.0e13))
+    shear_modulus: float = parameter(3.5e6, "Pa", (1.0, 1.0e13))
+    linear_density: float = parameter(0.0, "kg/m", (0.0, 1.0e4))
+    axial_stiffness: float = parameter(0.0, "N", (0.0, 1.0e14))
+    bending_stiffness: float = parameter(0.0, "N m^2", (0.0, 1.0e12))
+    torsional_stiffness: float = parameter(0.0, "N m^2", (0.0, 1.0e12))
+    rest_curvature: tuple[float, ...] = parameter((0.0,), "1/m", (-1.0e5, 1.0e5))
+    rest_curvature_axis: Vector = parameter((0.0, 1.0, 0.0), "", (-1.0, 1.0))
+
+    rest_curvature_2: tuple[float, ...] = parameter((0.0,), "1/m", (-1.0e5, 1.0e5))
+    rest_twist: tuple[float, ...] = parameter((0.0,), "rad/m", (-1.0e5, 1.0e5))
+
+    @property
+    def natural_shape(self) -> tuple[tuple[float, ...], ...]:
+        """Two curvatures [1/m] and twist rate [rad/m] along the unloaded cable."""
+        return self.rest_curvature, self.rest_curvature_2, self.rest_twist
+
+    @property
+    def shaped(self) -> bool:
+        """Whether the unloaded cable is bent or twisted."""
+        return any(map(any, self.natural_shape))
+
+    @property
+    def area(self) -> float:
+        """Cross-sectional area A = pi D^2 / 4 [m^2]."""
+        return math.pi * self.diameter**2 / 4.0
+
+    @property
+    def mu(self) -> float:
+        """Linear density mu = rho A [kg/m], or the value given directly."""
+        return self.linear_density or self.density * self.area
+
+    @property
+    def EA(self) -> float:
+        """Axial stiffness EA [N], or the value given directly."""
+        return self.axial_stiffness or self.youngs_modulus * self.area
+
+    @property
+    def EI(self) -> float:
+        """Bending stiffness EI = E pi D^4 / 64 [N m^2], or the value given directly."""
+        return self.bending_stiffness or self.youngs_modulus * math.pi * self.diameter**4 / 64.0
+
+    @property
+    def GJ(self) -> float:
+        """Torsional stiffness GJ = 2 G / E EI [N m^2], or the value given directly."""
+        return self.torsional_stiffness or 2.0 * self.shear_modulus / self.youngs_modulus * self.EI
+
+    @property
+    def polar_inertia(self) -> float:
+        """Polar inertia per length mu D^2 / 8 [kg m]; equals rho pi D^4 / 32 when mu is derived."""
+        return self.mu * self.diameter**2 / 8.0
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """One line for each value that is derived although its partner is given: the assumption."""
+        lines = []
+        if self.bending_stiffness and not self.torsional_stiffness:
+            lines.append(
+                "cable.torsional_stiffness: not given beside bending_stiffness, so GJ = 2 G / E EI "
+                f"= {self.GJ:.3g} N m^2, as of an isotropic section"
+            )
+        if self.bending_stiffness and not self.axial_stiffness:
+            lines.append(
+                f"cable.axial_stiffness: not given beside bending_stiffness, so EA = E pi D^2 / 4 "
+                f"= {self.EA:.3g} N, as of a solid section"
+            )
+        if self.axial_stiffness and not self.bending_stiffness:
+            lines.append(
+                f"cable.bending_stiffness: not given beside axial_stiffness, so EI = E pi D^4 / 64 "
+                f"= {self.EI:.3g} N m^2, as of a solid section"
+            )
+        if self.linear_density:
+            lines.append(
+                f"cable.linear_density: the polar inertia that belongs to it is mu D^2 / 8 = "
+                f"{self.polar_inertia:.3g} kg m, as of a solid section"
+            )
+        return tuple(lines)
+
+
+@dataclass(frozen=True)
+class Damping:
+    """Rayleigh damping and air drag.
+
+    Parameters:
+        mass: Rayleigh alpha: force -alpha M v on the cable.
+        stiffness: Rayleigh beta: internal damping beta K.
+        stretch: Added to damping.stiffness for stretching only.
+        bend: Added to damping.stiffness for bending only.
+        thinning: Rate thinning of bending damping, as from friction between strands: it is
+            multiplied by 1 / sqrt(1 + (thinning w)^2), with the rate of curvature w.
+        twist: Added to damping.stiffness for twisting only.
+        air_drag: Linear drag: force per unit length and unit speed.
+        air_drag_ratio: Ratio of tangential to normal drag: 1 = isotropic, 0.5 = a thin cylinder in
+            slow flow.
+    """
+
+    mass: float = parameter(0.0, "1/s", (0.0, 1.0e6))
+    stiffness: float = parameter(0.0, "s", (0.0, 1.0e3))
+    stretch: float = parameter(0.0, "s", (0.0, 1.0e3))
+    bend: float = parameter(0.0, "s", (0.0, 1.0e3))
+    thinning: float = parameter(0.0, "m s", (0.0, 1.0e6))
+    twist: float = parameter(0.0, "s", (0.0, 1.0e3))
+    air_drag: float = parameter(0.0, "N s/m^2", (0.0, 1.0e6))
+    air_drag_ratio: float = parameter(1.0, "", (0.0, 1.0))
+
+    @property
+    def internal(self) -> Vector:
+        """Internal damping of stretching, bending and twisting [s]."""
+        beta = self.stiffness
+        return beta + self.stretch, beta + self.bend, beta + self.twist
+
+    @property
+    def drag_across(self) -> float:
+        """Normal minus tangential air drag c_n - c_t [N s/m^2]."""
+        return self.air_drag * (1.0 - self.air_drag_ratio)
+
+
+@dataclass(frozen=True)
+class Water:
+    """Water around the cable: buoyancy, and drag that is quadratic in the velocity relative to it.
+
+    Parameters:
+        density: Density of the water; 0 = no water. The cable displaces its section.
+        velocity: Velocity of its current, world frame. An equilibrium at the start is that in still
+            water; from there the cable drifts.
+        drag: Drag coefficient across the cable, on its diameter.
+        drag_along: Drag coefficient along the cable, on its surface.
+    """
+
+    density: float = parameter(0.0, "kg/m^3", (0.0, 1.0e5))
+    velocity: Vector = parameter(ORIGIN, "m/s", (-1.0e3, 1.0e3))
+    drag: float = parameter(1.2, "", (0.0, 100.0))
+    drag_along: float = parameter(0.01, "", (0.0, 100.0))
+
+
+@dataclass(frozen=True)
+class Plasticity:
+    """Plastic bending, or friction between strands of a cable, which slip at the yield curvature.
+
+    Beyond it, the share `hardening` of the bending stiffness remains.
+
+    Parameters:
+        yield_curvature: Curvature beyond which bending is plastic, or at which strands slip; 0 =
+            always elastic.
+        hardening: Ratio of tangent to elastic bending stiffness beyond yield (linear kinematic
+            hardening); cable.bending_stiffness is the elastic one, of small motion.
+    """
+
+    yield_curvature: float = parameter(0.0, "1/m", (0.0, 1.0e5))
+    hardening: float = parameter(0.0, "", (0.0, 0.999))
+
+
+@dataclass(frozen=True)
+class Torsion:
+    """Frenet torsion.
+
+    Parameters:
+        curvature_floor: For terms.twist frenet: curvature below which the torsion of the centerline
+            is undefined and suppressed; 0 = 1 % of the curvature of the cable closed to a ring.
+    """
+
+    curvature_floor: float = parameter(0.0, "1/m", (0.0, 1.0e5))
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Contact between the cable and obstacles: what they have in common.
+
+    Parameters:
+        stiffness: Contact force per unit length and penetration depth; 0 = chosen so that under
+            earth gravity a cable penetrates a plane by a thousandth of its diameter, and another
+            obstacle that all of it hangs over by at most a hundredth.
+        damping: Share of critical damping of what touches: 0 = it bounces; auto (-1) = 0.3, or 0
+            with methods that cannot dissipate in contact (rattle, energy_momentum_4).
+        friction: Coefficient of friction of obstacles that have none of their own.
+    """
+
+    stiffness: float = parameter(0.0, "N/m^2", (0.0, 1.0e12))
+    damping: float = parameter(-1.0, "", (0.0, 10.0), auto=-1.0)
+    friction: float = parameter(0.0, "", (0.0, 100.0))
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """A rigid body that the cable cannot enter.
+
+    Parameters:
+        shape: plane: the half-space below the plane through position, normal to the obstacle's z
+            axis; box; sphere; cylinder; capsule: the latter two about the z axis.
+        size: Extent along its x, y and z axes. A sphere has the diameter x; a cylinder and a
+            capsule have the diameter x and the length z, that of a capsule with its caps; a plane
+            has none.
+        position: Its centre, or of a plane a point on its surface.
+        orientation: Quaternion x, y, z, w of its axes, world frame.
+        friction: Coefficient of Coulomb friction of the cable on it; auto (-1) = contact.friction.
+        pose_topic: Topic of its pose (PoseStamped), which moves it; empty = it rests.
+        pose_timeout: Time without poses after which the last pose is held, with a warning.
+        pose_smoothing: Half the window of a local quadratic fit that smooths noisy poses; 0 = off.
+    """
+
+    name: str
+    shape: str = parameter("plane", choices=("plane", "box", "sphere", "cylinder", "capsule"))
+    size: Vector = parameter((0.1, 0.1, 0.1), "m", (0.0, 1.0e6))
+    position: Vector = parameter(ORIGIN, "m", (-1.0e8, 1.0e8))
+    orientation: Quaternion = parameter((0.0, 0.0, 0.0, 1.0), "", (-1.0, 1.0))
+    friction: float = parameter(-1.0, "", (0.0, 100.0), auto=-1.0)
+    pose_topic: str = parameter("", read_only=True)
+    pose_timeout: float = parameter(1.0, "s", (0.01, 3600.0))
+    pose_smoothing: float = parameter(0.0, "s", (0.0, 1.0))
+
+    @property
+    def driven(self) -> bool:
+        """Whether poses from a topic move it."""
+        return bool(self.pose_topic)
+
+    @property
+    def normal(self) -> Vector:
+        """Unit vector of its z axis, the outward normal of a plane."""
+        return self.axes[2]
+
+    @property
+    def axes(self) -> tuple[Vector, Vector, Vector]:
+        """Unit vectors of its axes."""
+        size = math.hypot(*self.orientation)
+        x, y, z, w = (part / size for part in self.orientation)
+        return (
+            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
+            (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
+            (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
+        )
+
+    def pushes_along(self, axis: int, place: float) -> bool:
+        """Whether it can push a cable out of the plane normal to a world axis, at this place on it:
+        unless it is mirrored in that plane, or a prism across it.
+        """
+        if self.shape == "plane":
+            return self.normal[axis] != 0.0
+        away = abs(self.position[axis] - place)
+        if self.shape == "sphere":
+            return away != 0.0
+        for half, one in zip(self.size, self.axes, strict=True):
+            if abs(one[axis]) == 1.0:
+                prism = self.shape == "box" or one == self.axes[2]
+                room = 0.5 * half - (0.5 * self.size[0] if self.shape == "capsule" else 0.0)
+                return away > (room if prism else 0.0)
+        return True
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force or wrench on the cable, from a topic or from a signal.
+
+    Parameters:
+        topic: Topic of the load; empty without a signal = `~/<name>/wrench` or `~/<name>/force`
+            (for a load named `force` of type force: `~/force`).
+        type: Message type: WrenchStamped, or Vector3Stamped (a force).
+        position: Location on the cable: 0 at start, 1 at end; the default for a load named `start`
+            is 0.0.
+        timeout: Time without messages after which the load is removed; 0 = never.
+        sign: 1: messages give the load exerted on the cable by the end effector; -1: the opposite.
+        frame: Frame of messages without a frame_id: the name in `start.frame`, `end.frame` or
+            `grasps.<name>.frame` for a sensor that turns with that end effector, or `frame_id`, or,
+            with inputs.tf, any frame of tf2; empty = `frame_id`, which is said when it is used.
+        signal: Load without a topic: constant, or force and torque times sin(2 pi frequency t).
+        force: Force of the signal, world frame.
+        torque: Torque of the signal, world frame.
+        frequency: Frequency of a sine.
+    """
+
+    name: str
+    topic: str = parameter("", read_only=True)
+    type: str = parameter("wrench", choices=("wrench", "force"), read_only=True)
+    position: float = parameter(1.0, "", (0.0, 1.0))
+    timeout: float = parameter(0.5, "s", (0.0, 3600.0))
+    sign: float = parameter(1.0, "", (-1.0, 1.0), choices=(1.0, -1.0))
+    frame: str = parameter("")
+    signal: str = parameter("none", choices=("none", "constant", "sine"), read_only=True)
+    force: Vector = parameter(ORIGIN, "N", (-1.0e9, 1.0e9))
+    torque: Vector = parameter(ORIGIN, "N m", (-1.0e9, 1.0e9))
+    frequency: float = parameter(1.0, "Hz", (1.0e-6, 1.0e4))
+
+    @property
+    def input_topic(self) -> str:
+        """The topic of this load, the default if none is given; empty for a signal."""
+        if self.signal != "none":
+            return ""
+        if self.topic:
+            return self.topic
+        if self.type == "force":
+            return "~/force" if self.name == "force" else f"~/{self.name}/force"
+        return f"~/{self.name}/wrench"
+
+
+# -- what holds it --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Holder:
+    """An end-effector that holds the cable at one place.
+
+    Parameters:
+        position: End-effector position until the first pose arrives; for a free end it only sets
+            the direction of the initial straight line.
+        fixed: Per world axis: held at the position of the end effector.
+        spring: Per world axis that is not fixed: stiffness of a spring to the end effector.
+        clamped: The end effector holds tangent and roll; needs all three axes fixed.
+        tangent_spring: If not clamped: stiffness k of a spring that aligns the cable with
+            `tangent`; its moment is k times the sine of the angle between them.
+        roll_spring: If the roll is not held: stiffness of a torsion spring to the roll of the end
+            effector; needs the direction held by `clamped` or `tangent_spring`.
+        tangent: Direction of the cable here, from start towards end, in the end-effector frame;
+            zeros = from start.position to end.position, or with two_points the x axis.
+        offset: Point where the cable is attached, in the end-effector frame.
+        jaw: Length of cable that a clamp holds straight: from an end inwards, or centred on a
+            grasp.
+        frame: Name of the end-effector frame; wrenches stamped with it are rotated to the world
+            frame.
+        pose_topic: Topic of the end-effector pose; empty = it does not move.
+        tf_frame: tf2 frame of the end effector; the node reads the pose from tf2 instead of a
+            topic.
+        pose_type: Message type: PoseStamped, or PoseArray with two points on the line of the cable,
+            the first nearer to the start. The end effector is midway between them; its x axis
+            points from the first to the second and is the tangent.
+        pose_spacing: Distance between two_points; a message that is off by more than 10 % is
+            refused; 0 = any.
+        pose_timeout: Time without poses after which the last pose is held, with a warning.
+        pose_smoothing: Half the window of a local quadratic fit that smooths noisy poses. It delays
+            the poses: a given inputs.latency must be longer by as much; 0 = off.
+    """
+
+    position: Vector = parameter(ORIGIN, "m", (-1.0e8, 1.0e8))
+    fixed: Switches = parameter((True, True, True))
+    spring: Vector = parameter(ORIGIN, "N/m", (0.0, 1.0e12))
+    clamped: bool = parameter(False)
+    tangent_spring: float = parameter(0.0, "N m/rad", (0.0, 1.0e9))
+    roll_spring: float = parameter(0.0, "N m/rad", (0.0, 1.0e9))
+    tangent: Vector = parameter(ORIGIN, "", (-1.0e6, 1.0e6))
+    offset: Vector = parameter(ORIGIN, "m", (-1.0e3, 1.0e3))
+    jaw: float = parameter(0.0, "m", (0.0, 1.0e3))
+    frame: str = parameter("")
+    pose_topic: str = parameter("", read_only=True)
+    tf_frame: str = parameter("", read_only=True)
+    pose_type: str = parameter("pose", choices=("pose", "two_points"), read_only=True)
+    pose_spacing: float = parameter(0.0, "m", (0.0, 1.0e3))
+    pose_timeout: float = parameter(1.0, "s", (0.01, 3600.0))
+    pose_smoothing: float = parameter(0.0, "s", (0.0, 1.0))
+
+    @property
+    def held(self) -> bool:
+        """Whether a fixed axis or a spring connects the cable to the end-effector."""
+        return any(self.fixed) or any(self.spring) or self.tangent_spring > 0.0
+
+    @property
+    def holds_direction(self) -> bool:
+        """Whether it holds the direction of the cable, rigidly or by a spring."""
+        return self.clamped or self.tangent_spring > 0.0
+
+    @property
+    def holds_roll(self) -> bool:
+        """Whether it holds the roll of the cable, rigidly or by a spring."""
+        return self.roll_spring > 0.0
+
+    @property
+    def driven(self) -> bool:
+        """Whether poses from a topic or tf2 move the end-effector."""
+        return bool(self.pose_topic or self.tf_frame)
+
+
+@dataclass(frozen=True)
+class End(Holder):
+    """One end of the cable, `start` (u = 0) or `end` (u = L), and its end-effector.
+
+    Parameters:
+        mass: Point mass at this end.
+    """
+
+    mass: float = parameter(0.0, "kg", (0.0, 1.0e4))
+
+    @property
+    def holds_roll(self) -> bool:
+        """Whether it holds the roll of the cable, rigidly or by a spring."""
+        return self.clamped or super().holds_roll
+
+
+@dataclass(frozen=True)
+class Grasp(Holder):
+    """A gripper that can hold the cable between its ends, and take and release it.
+
+    Parameters:
+        at: Location on the cable: 0 at start, 1 at end; negative = the point nearest to the gripper
+            when it takes the cable.
+        taken: Whether it holds the cable; a point taken during the simulation is held where it is.
+        taken_topic: Topic (Bool): on arrival, true takes the cable and false releases it; `taken`
+            is updated. Empty = only the parameter and the services do this.
+        clamped: The gripper also holds the direction of the cable (not its roll, see `roll`); needs
+            all three axes fixed.
+        roll: The gripper also holds the roll, by a stiff spring: one revolution of twist over the
+            length of the cable turns it by less than 0.001 rad; needs the direction held.
+    """
+
+    name: str = ""
+    at: float = parameter(0.5, "", (-1.0, 1.0))
+    taken: bool = parameter(True)
+    taken_topic: str = parameter("", read_only=True)
+    clamped: bool = parameter(False)
+    roll: bool = parameter(False)
+
+    @property
+    def holds_roll(self) -> bool:
+        """Whether it holds the roll of the cable, rigidly or by a spring."""
+        return self.roll or super().holds_roll
+
+
+# -- how it is computed, inputs and outputs -------------------------------------------------------
+
+SWITCH = ("auto", "on", "off")
+LEAST_LATENCY, MOST_LATENCY = 0.06, 10.0  # s, of inputs.latency auto
+LEAST_BY_SPAN = 9  # control points from which stretching by span is never less accurate
+
+
+@dataclass(frozen=True)
+class Discretization:
+    """Spline, quadrature and mass matrix.
+
+    Parameters:
+        control_points: Number of control points n_u of the cubic B-spline, at least 4; 0 = chosen
+            from the scene and accuracy.target.
+        quadrature: Quadrature along the cable: Gauss points in each knot span, or uniformly spaced
+            points.
+        samples: Quadrature points: per knot span for gauss (2 to 10), in total for uniform (at
+            least 2 per span).
+        stretch: How the stretching energy is evaluated: at every quadrature point (sample), or from
+            the mean stretch of each knot span (span; needs gauss and 5 control points), which
+            avoids membrane locking of thin cables with few control points. Auto: span with gauss
+            and 9 control points or more, else sample.
+        mass: Mass matrix: consistent (banded), lumped (diagonal, less accurate), or selective:
+            consistent, with added mass for motion that the spline does not resolve, which allows
+            explicit steps about twice as long.
+        knots: Knot spans of equal length (uniform), or shorter ones near clamped ends: by
+            `discretization.grading` (graded; with gauss), or where a cable bends sharply there and
+            nothing speaks against it (auto).
+        grading: With knots graded: density of the knots at the start and at the end in excess of
+            that elsewhere, which counts as 1, and the length [m] over which the excess decays by
+            1/e.
+    """
+
+    control_points: int = parameter(0, "", (0, 2000))
+    quadrature: str = parameter("gauss", choices=("gauss", "uniform"))
+    samples: int = parameter(3, "", (1, 100_000))
+    stretch: str = parameter("auto", choices=("auto", "sample", "span"))
+    mass: str = parameter("consistent", choices=("consistent", "lumped", "selective"))
+    knots: str = parameter("auto", choices=("auto", "uniform", "graded"))
+    grading: tuple[float, float, float] = parameter((0.0, 0.0, 1.0), "", (0.0, 1e3))
+
+    @property
+    def stretch_by_span(self) -> bool:
+        """Whether the stretching energy uses the strain projected on each span."""
+        many = self.control_points == 0 or self.control_points >= LEAST_BY_SPAN
+        enough = self.quadrature == "gauss" and many
+        return self.stretch == "span" or (self.stretch == "auto" and enough)
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Terms of the model: `auto`, `on`, `off`, or a variant of the term.
+
+    Parameters:
+        stretch: Axial stretching energy. If off and integrator.method is auto, the cable is
+            inextensible (rattle) where possible.
+        bend: Bending energy.
+        twist: Torsional energy and twist angle theta. bishop: in a rotation-minimising frame, so
+            that twist and shape act on each other; quasistatic: as bishop, without rotary inertia
+            about the axis; auto: quasistatic where the roll is held or turned, with explicit
+            methods bishop; on: twist rate theta', which does not affect the shape; frenet: relative
+            to the torsion of the centerline.
+        gravity: Weight.
+        damping: All damping.
+        plasticity: Plastic bending.
+        contact: Contact.
+        out_of_plane: The third coordinate. Auto omits it if everything stays in a coordinate plane;
+            off drops forces and moments out of the plane and projects the motion of the ends onto
+            it.
+    """
+
+    stretch: str = parameter("auto", choices=SWITCH)
+    bend: str = parameter("auto", choices=SWITCH)
+    twist: str = parameter("auto", choices=("auto", "on", "off", "bishop", "frenet", "quasistatic"))
+    gravity: str = parameter("auto", choices=SWITCH)
+    damping: str = parameter("auto", choices=SWITCH)
+    plasticity: str = parameter("auto", choices=SWITCH)
+    contact: str = parameter("auto", choices=SWITCH)
+    out_of_plane: str = parameter("auto", choices=SWITCH)
+
+
+@dataclass(frozen=True)
+class Initial:
+    """Shape at the start.
+
+    Parameters:
+        shape: Initial shape, also after a reset; auto = straight if an end is free or the held ends
+            are one cable length apart, else equilibrium.
+    """
+
+    shape: str = parameter("auto", choices=("auto", "straight", "equilibrium"))
+
+
+IMPLICIT_METHODS = ("auto", "implicit_midpoint", "energy_momentum", "energy_momentum_4")
+"""Values of integrator.method with which steps may be implicit."""
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """Time integration: method, step, and the reaction to a failure.
+
+    Parameters:
+        method: Time integration method; see `dlo_sim methods`.
+        step: Time step tau, at least 1e-9; 0 = chosen from the scene and accuracy.target.
+        zhai_psi: Parameter psi of Zhai's method; the pair 0.5, 0.5 has the largest stable step.
+        zhai_phi: Parameter phi of Zhai's method; only 0.5 is second order.
+        tolerance: Energy balance error allowed in one step of an implicit method, as a fraction of
+            the energy exchanged; the error of the whole run stays within ten times this value.
+        on_failure: If a step fails: hold the last good state until ~/reset, or stop the node.
+    """
+
+    method: str = parameter("auto")
+    step: float = parameter(0.0, "s", (0.0, 1.0))
+    zhai_psi: float = parameter(0.5, "", (0.0, 1.0))
+    zhai_phi: float = parameter(0.5, "", (0.0, 1.0))
+    tolerance: float = parameter(1.0e-6, "", (1.0e-15, 1.0e-2))
+    on_failure: str = parameter("hold", choices=("hold", "stop"))
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Processing of input messages: time base, latency, limits, catching up.
+
+    Parameters:
+        latency: Lag of the prediction, so that poses are interpolated, never extrapolated: auto
+            (-1) = 0.06, or as much more as the measured rate and delay of the poses need. A warning
+            says what they need if a given lag is too short.
+        time: Time of an input: its header stamp, its arrival, or (auto) the stamp, shifted if its
+            epoch differs from the clock's.
+        tf: Look up frames that the scene does not name in tf2, at the stamp of the message; the
+            message waits at most inputs.latency for its transform.
+        max_speed: Poses that imply a higher speed are refused.
+        max_force: Larger forces are refused.
+        max_torque: Larger torques are refused.
+        catch_up: Maximum simulated time per timer tick; at least one timer period.
+    """
+
+    latency: float = parameter(-1.0, "s", (0.0, MOST_LATENCY), auto=-1.0)
+    time: str = parameter("auto", choices=("auto", "stamp", "arrival"))
+    tf: bool = parameter(False, read_only=True)
+    max_speed: float = parameter(20.0, "m/s", (1.0e-3, 1.0e6))
+    max_force: float = parameter(1.0e4, "N", (1.0e-6, 1.0e9))
+    max_torque: float = parameter(1.0e3, "N m", (1.0e-6, 1.0e9))
+    catch_up: float = parameter(0.1, "s", (1.0e-3, 10.0))
+
+    @property
+    def least_latency(self) -> float:
+        """The lag [s] if no pose needs more."""
+        return LEAST_LATENCY if self.latency < 0.0 else self.latency
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Measured points on the cable that correct the prediction.
+
+    Parameters:
+        type: Message type of ~/measured: points on the cable in any order, not necessarily all
+            visible; none = no correction.
+        noise: Standard deviation of each measured coordinate.
+        error: Standard deviation of the error of the uncorrected prediction: the larger it is
+            relative to the noise, the more a measured point moves the cable.
+        alike_along: Correlation length of that error, as a fraction of the cable.
+        alike_for: Correlation time of that error: the lag of the correction.
+        gate: Points farther than this from the prediction are rejected.
+    """
+
+    type: str = parameter("none", choices=("none", "point_cloud", "pose_array"), read_only=True)
+    noise: float = parameter(0.005, "m", (1e-6, 1.0))
+    error: float = parameter(0.02, "m", (1e-6, 10.0))
+    alike_along: float = parameter(0.1, "", (0.01, 1.0))
+    alike_for: float = parameter(0.25, "s", (1e-3, 100.0))
+    gate: float = parameter(0.1, "m", (1e-6, 100.0))
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Outputs other than the control points.
+
+    Parameters:
+        centerline_samples: Number of centerline points in markers and recordings.
+        marker_rate: Rate of the markers.
+        color_by: Quantity shown by the colours of the centerline marker, from dark (low) to bright
+            (high): tension [N] or curvature [1/m].
+        points: Publish the centerline as PointCloud2 on ~/points, with x, y, z, u [m] and, if
+            known, tension [N].
+        capsules: Number of capsules that together enclose the cable, published on ~/capsules for
+            planning scenes; 0 = none. A capsule is thicker where the cable bends inside it.
+        tf: Publish the ends of the cable and the grippers of its grasps on /tf, as frames
+            `<node>/start`, `<node>/end`, `<node>/<grasp>`.
+        color_range: Values at the darkest and the brightest colour, in the unit of
+            outputs.color_by; two equal values = the range of the current shape.
+    """
+
+    centerline_samples: int = parameter(50, "", (2, 10_000))
+    marker_rate: float = parameter(30.0, "Hz", (0.1, 1000.0))
+    color_by: str = parameter("none", choices=("none", "tension", "curvature"))
+    points: bool = parameter(False)
+    capsules: int = parameter(0, "", (0, 1000))
+    tf: bool = parameter(False, read_only=True)
+    color_range: tuple[float, float] = parameter((0.0, 0.0), "", (-1.0e9, 1.0e9))
+
+
+@dataclass(frozen=True)
+class Forecasts:
+    """Forecasts of the cable along received plans.
+
+    Parameters:
+        processes: Worker processes that forecast the plans on ~/plan; 0 = no forecasts.
+        every: Time between shapes of a forecast.
+        ghosts: Number of future shapes shown by the marker ~/forecast/ghosts.
+    """
+
+    processes: int = parameter(0, "", (0, 64), read_only=True)
+    every: float = parameter(0.05, "s", (1e-3, 10.0))
+    ghosts: int = parameter(5, "", (1, 100))
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Acceptable position error, and whether the error is estimated.
+
+    Parameters:
+        target: Acceptable position error; a larger estimate causes a warning.
+        estimate: Estimate the error from two refined simulations run alongside; auto = unless
+            measured points correct the prediction, and in the node as long as it keeps up.
+    """
+
+    target: float = parameter(0.001, "m", (1e-9, 1e3))
+    estimate: str = parameter("auto", choices=SWITCH)
+
+
+@dataclass(frozen=True)
+class State:
+    """State that is kept across restarts of the node.
+
+    Parameters:
+        save_to: File to which the node writes its state once a second, and from which it resumes
+            when restarted with the same scene; empty = none.
+    """
+
+    save_to: str = parameter("", read_only=True)
+
+
+# -- the scene ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -251,6 +926,9 @@ class Scene:
         return ""
 
 
+# -- scenes from values ---------------------------------------------------------------------------
+
+
 def default_scene(
     load_names: Names = (), grasp_names: Names = (), obstacle_names: Names = ()
 ) -> Scene:
@@ -364,7 +1042,7 @@ def markdown_table() -> str:
     return "\n".join(lines + [markdown_row(row) for row in placeholder_parameters()])
 
 
-# ---------------------------------------------------------------------------------- conflicts
+# -- values that are valid one by one but not together --------------------------------------------
 
 
 def _check(scene: Scene) -> None:

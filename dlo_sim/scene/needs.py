@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.scene.computation import IMPLICIT_METHODS
-from dlo_sim.scene.description import Scene
+from dlo_sim.scene.description import IMPLICIT_METHODS, Scene
 
 Vector = NDArray[np.float64]
 _SPACE = (0, 1, 2)

@@ -47,8 +47,7 @@ from dlo_sim.core.one_rotation import (
     turn_between,
     turned,
 )
-from dlo_sim.scene.cable import Obstacle
-from dlo_sim.scene.holders import Holder
+from dlo_sim.scene.description import Holder, Obstacle
 from dlo_sim.session.diagnostics import Journal
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.waiting import Waiting

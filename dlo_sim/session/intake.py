@@ -18,8 +18,7 @@ import numpy as np
 from dlo_sim.core.one_rotation import Quaternion, Vector, normalized, turn_between
 from dlo_sim.core.rotations import IDENTITY, multiply, rotate
 from dlo_sim.core.two_points import LEAST_APART, poses_of_two_points
-from dlo_sim.scene.description import Scene
-from dlo_sim.scene.holders import Holder
+from dlo_sim.scene.description import Holder, Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.cdr import Stamped
 from dlo_sim.session.diagnostics import Journal, Refused, TopicRecord

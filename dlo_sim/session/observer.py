@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
 from dlo_sim.core.error_filter import ErrorFilter
-from dlo_sim.scene.computation import Measured
+from dlo_sim.scene.description import Measured
 from dlo_sim.session.diagnostics import Journal
 from dlo_sim.session.waiting import Waiting
 

@@ -33,8 +33,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import rotations
 from dlo_sim.core.color_scale import colors
-from dlo_sim.scene.cable import Obstacle
-from dlo_sim.scene.description import EARTH, Scene
+from dlo_sim.scene.description import EARTH, Obstacle, Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.topics import (

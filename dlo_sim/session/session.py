@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dlo_sim.scene.description import Scene, parameters_of
-from dlo_sim.scene.holders import Holder
+from dlo_sim.scene.description import Holder, Scene, parameters_of
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import (
     ERROR,

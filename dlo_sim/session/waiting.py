@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from dlo_sim.scene.cable import Load
+from dlo_sim.scene.description import Load
 from dlo_sim.session.time_base import SECOND
 
 _MOST_LOADS = 20_000

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, rotations
-from dlo_sim.scene.description import Scene
-from dlo_sim.scene.holders import Grasp, Holder
+from dlo_sim.scene.description import Grasp, Holder, Scene
 from dlo_sim.scene.needs import inextensible
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.geometry import Geometries, Geometry

@@ -14,8 +14,7 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import contact
 from dlo_sim.engine.arrays import MOTION_SIZE, CableArrays
 from dlo_sim.engine.grasps import DURATION, FRAME, POSITION, START, TURN
-from dlo_sim.scene.cable import Obstacle
-from dlo_sim.scene.description import EARTH, Scene
+from dlo_sim.scene.description import EARTH, Obstacle, Scene
 from dlo_sim.scene.needs import inextensible
 from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.cable import Cable

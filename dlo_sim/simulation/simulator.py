@@ -25,8 +25,7 @@ from dlo_sim.core.strain import strain
 from dlo_sim.engine.arrays import ENERGIES, MATERIAL, TORSION
 from dlo_sim.engine.frames import curve_frames
 from dlo_sim.engine.grasps import ACTIVE, POSITION, START
-from dlo_sim.scene.description import Scene
-from dlo_sim.scene.holders import Grasp
+from dlo_sim.scene.description import Grasp, Scene
 from dlo_sim.scene.needs import (
     Needs,
     inextensible,

@@ -17,8 +17,7 @@ from dlo_sim.core import bspline
 from dlo_sim.identification.measurement import LEAST_FRAMES, START_FRAMES, Recording
 from dlo_sim.identification.prediction import Score, begin, interpolated, mean_score, predict, score
 from dlo_sim.identification.readers import read_recordings
-from dlo_sim.scene.computation import Measured
-from dlo_sim.scene.description import Scene
+from dlo_sim.scene.description import Measured, Scene
 from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
 from dlo_sim.session.diagnostics import Journal
 from dlo_sim.session.observer import Observer
