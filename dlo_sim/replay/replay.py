@@ -173,12 +173,11 @@ def _wanted_topics(bag: Bag, scene: Scene, compare: Mapping[str, str]) -> dict[s
     """Topic -> type of everything to be read; refuses a bag that cannot drive the scene."""
     if not bag.count:
         raise ReplayError(f"bag {bag.path} is empty: there is no message in it")
-    for key, holder in scene.holder_keys():
-        if holder.tf_frame:
-            raise ReplayError(
-                f"{key}.tf_frame: '{holder.tf_frame}' is looked up in tf2, which a replay has not; "
-                f"record its pose on a topic and give {key}.pose_topic"
-            )
+    for key, frame in scene.followed_frames.items():
+        raise ReplayError(
+            f"{key}: '{frame}' is looked up in tf2, which a replay has not; record its pose on a "
+            f"topic and give {key.rpartition('.')[0]}.pose_topic"
+        )
     present = topic_list(bag.topics)
     inputs = {resolved(entry.topic): entry.type for entry in input_topics(scene)}
     if not inputs:

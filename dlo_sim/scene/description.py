@@ -277,10 +277,13 @@ class Obstacle:
         size: Extent along its x, y and z axes. A sphere has the diameter x; a cylinder and a
             capsule have the diameter x and the length z, that of a capsule with its caps; a plane
             has none.
-        position: Its centre, or of a plane a point on its surface.
-        orientation: Quaternion x, y, z, w of its axes, world frame.
+        position: Its centre, or of a plane a point on its surface; in `frame` if there is one.
+        orientation: Quaternion x, y, z, w of its axes, world frame, or `frame` if there is one.
         friction: Coefficient of Coulomb friction of the cable on it; auto (-1) = contact.friction.
         pose_topic: Topic of its pose (PoseStamped), which moves it; empty = it rests.
+        frame: tf2 frame to which it is attached and with which it moves, such as that of a table or
+            of a link of the robot. Without tf2, in a simulation from Python or the command line,
+            this frame is the world frame.
         pose_timeout: Time without poses after which the last pose is held, with a warning.
         pose_smoothing: Half the window of a local quadratic fit that smooths noisy poses; 0 = off.
     """
@@ -292,13 +295,19 @@ class Obstacle:
     orientation: Quaternion = parameter((0.0, 0.0, 0.0, 1.0), "", (-1.0, 1.0))
     friction: float = parameter(-1.0, "", (0.0, 100.0), auto=-1.0)
     pose_topic: str = parameter("", read_only=True)
+    frame: str = parameter("", read_only=True)
     pose_timeout: float = parameter(1.0, "s", (0.01, 3600.0))
     pose_smoothing: float = parameter(0.0, "s", (0.0, 1.0))
 
     @property
+    def tf_frame(self) -> str:
+        """`frame`, which an end effector has under this name."""
+        return self.frame
+
+    @property
     def driven(self) -> bool:
-        """Whether poses from a topic move it."""
-        return bool(self.pose_topic)
+        """Whether poses from a topic or tf2 move it."""
+        return bool(self.pose_topic or self.frame)
 
     @property
     def normal(self) -> Vector:
@@ -901,8 +910,14 @@ class Scene:
     def tf_keys(self) -> Names:
         """Keys of the parameters that require tf2."""
         asked: dict[str, object] = {"inputs.tf": self.inputs.tf, "outputs.tf": self.outputs.tf}
-        asked |= {f"{key}.tf_frame": holder.tf_frame for key, holder in self.holder_keys()}
-        return tuple(key for key, value in asked.items() if value)
+        return tuple(key for key, value in (asked | self.followed_frames).items() if value)
+
+    @property
+    def followed_frames(self) -> dict[str, str]:
+        """Key -> frame of tf2 that an end effector or an obstacle follows."""
+        found = {f"{key}.tf_frame": holder.tf_frame for key, holder in self.holder_keys()}
+        found |= {f"obstacles.{one.name}.frame": one.frame for one in self.obstacles}
+        return {key: frame for key, frame in found.items() if frame}
 
     def with_values(self, values: Mapping[str, object]) -> "Scene":
         """A copy of the scene with these parameters changed, all checked together.
@@ -1076,6 +1091,9 @@ def _conflicts(scene: Scene) -> Conflicts:
     yield from _load_frames(scene)
     yield from _topics(scene)
     yield from _obstacles(scene.obstacles, {grasp.name for grasp in scene.grasps})
+    for obstacle in scene.obstacles:
+        key = f"obstacles.{obstacle.name}"
+        yield from _of(key, obstacle, _frame_of_obstacle(key, obstacle, scene.frame_id))
     yield from _times(scene)
     yield from _colors(scene)
 
@@ -1278,6 +1296,16 @@ def _obstacles(obstacles: tuple[Obstacle, ...], grasps: set[str]) -> Conflicts:
         if math.hypot(*obstacle.orientation) < LEAST_QUATERNION:
             problem = "is no rotation; give x, y, z, w, [0.0, 0.0, 0.0, 1.0] for none"
             yield f"obstacles.{obstacle.name}.orientation", obstacle.orientation, problem
+
+
+def _frame_of_obstacle(key: str, obstacle: Obstacle, world: str) -> Iterator[tuple[str, str]]:
+    """A frame in addition to a topic, and one that tf2 cannot have or that never moves."""
+    if obstacle.frame and obstacle.pose_topic:
+        yield "frame", f"gives the pose; remove it or {key}.pose_topic"
+    if obstacle.frame.startswith("/"):
+        yield "frame", f"is no frame of tf2; give {obstacle.frame.lstrip('/') or 'table'}"
+    if obstacle.frame == world:
+        yield "frame", "is the world frame, frame_id, in which obstacles rest; remove it"
 
 
 def _times(scene: Scene) -> Conflicts:

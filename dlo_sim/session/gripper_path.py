@@ -461,6 +461,9 @@ class GripperPath(SmoothedPoses):
         self.timeout_ns = self.longest_gap_ns = round(holder.pose_timeout * SECOND)
         self.half_window_ns = round(holder.pose_smoothing * SECOND)
         self.timing.configure(self.timeout_ns, self.half_window_ns)
+        self._in_frame: tuple[Vector, Quaternion] | None = None
+        if isinstance(holder, Obstacle) and holder.frame:
+            self._in_frame = holder.position, normalized(holder.orientation)
 
     def clear(self) -> None:
         """Discard all poses; the next one starts a new path."""
@@ -474,7 +477,12 @@ class GripperPath(SmoothedPoses):
         self._present = _State()
 
     def add(self, pose: Pose) -> None:
-        """Take an accepted pose, as `Waiting.add`."""
+        """Take an accepted pose, as `Waiting.add`: that of the frame for an obstacle in a frame."""
+        if self._in_frame is not None:
+            way, turn = self._in_frame
+            way = _plain(rotations.rotate(pose.orientation, np.array(way)))
+            turned_by = normalized(_plain(rotations.multiply(pose.orientation, np.array(turn))))
+            pose = pose._replace(position=_sum(pose.position, way), orientation=turned_by)
         if self.newest is None or pose.stamp_ns > self.newest.stamp_ns:
             self.newest = pose
         super().add(pose)

@@ -379,8 +379,8 @@ class Intake:
         return self._look_up(topic, arrival_ns, patience_ns)
 
     def sample(self, clock_ns: int, patience_ns: int) -> list[Accepted]:
-        """Take the newest pose of every tf2 frame that drives an end effector, unless it was taken
-        before, as a message that arrives at this clock time [ns].
+        """Take the newest pose of every tf2 frame that drives an end effector or an obstacle, as a
+        message that arrives at this clock time [ns], unless it was taken before.
         """
         found: list[Accepted] = []
         if self._transforms is None:

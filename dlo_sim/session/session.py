@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dlo_sim.scene.description import Holder, Scene, parameters_of
+from dlo_sim.scene.description import Scene, parameters_of
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import (
     ERROR,
@@ -448,11 +448,7 @@ class Session:
         if missing:
             order = "first" if not self.started else "next"
             moved = [self.scene.moved[name] for name in missing]
-            frames = [one.tf_frame if isinstance(one, Holder) else "" for one in moved]
-            sources = [
-                frame or self._naming.topic(one.pose_topic)
-                for frame, one in zip(frames, moved, strict=True)
-            ]
+            sources = [one.tf_frame or self._naming.topic(one.pose_topic) for one in moved]
             return f"waiting for the {order} pose on {', '.join(dict.fromkeys(sources))}"
         return ""
 

@@ -92,7 +92,7 @@ def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
         for name, e in scene.holders.items()
         if e.pose_topic
     ]
-    bodies = [x for x in scene.obstacles if x.name in scene.moved]
+    bodies = [x for x in scene.obstacles if x.pose_topic and x.name in scene.moved]
     found += [InputTopic(x.pose_topic, "pose", x.name) for x in bodies]
     found += [InputTopic(x.input_topic, x.type, x.name) for x in scene.loads if x.input_topic]
     found += [InputTopic(g.taken_topic, "taken", g.name) for g in scene.grasps if g.taken_topic]
@@ -102,9 +102,9 @@ def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
 
 
 def tf_inputs(scene: Scene) -> tuple[InputTopic, ...]:
-    """The tf2 frames that drive end effectors, each as an input topic."""
+    """The tf2 frames that drive end effectors and obstacles, each as an input topic."""
     return tuple(
-        InputTopic(e.tf_frame, "pose", name) for name, e in scene.holders.items() if e.tf_frame
+        InputTopic(one.tf_frame, "pose", name) for name, one in scene.moved.items() if one.tf_frame
     )
 
 

@@ -7,6 +7,8 @@ from session_bench import MS, SECOND, T0
 
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.session import cdr
+from dlo_sim.session.diagnostics import Refused
+from dlo_sim.session.intake import Transform
 from dlo_sim.session.session import Session
 from dlo_sim.simulation.simulator import Simulator
 
@@ -86,6 +88,66 @@ def test_the_error_estimate_moves_the_belt_too():
     session, _ = carried(1.5, "on")
     values = shown(session, 1.5)
     assert float(values["error estimate [m]"]) < 1e-3
+
+
+class Table:
+    """A frame whose pose is given; None: nobody has published it yet."""
+
+    def __init__(self):
+        self.found = None
+
+    def lookup(self, frame, stamp_ns):
+        if frame != "table" or self.found is None:
+            raise Refused("no_transform", f"frame_id '{frame}': nobody publishes it")
+        return self.found
+
+    def clear(self):
+        pass
+
+
+def test_an_obstacle_follows_the_frame_that_it_is_attached_to():
+    """A plane 0.1 m below a frame that moves along x and turns about z; without it, the cable waits
+    as for a pose.
+    """
+    values = {key: value for key, value in BELT.items() if key != "obstacles.belt.pose_topic"}
+    values |= {"obstacles.belt.frame": "table", "obstacles.belt.position": [0.05, 0.0, -0.1]}
+    table = Table()
+    session = Session(scene_from_values(values), Simulator, transforms=table)
+    assert session.tick(T0).message == "waiting for the first pose on table"
+    for now in range(T0, T0 + SECOND, 5 * MS):
+        turn = 0.1 * (now - T0) / SECOND
+        place = (SPEED * (now - T0) / SECOND, 0.0, 0.1)
+        table.found = Transform(now, place, (0.0, 0.0, np.sin(turn), np.cos(turn)))
+        session.tick(now)
+    simulator = session.simulator
+    position, orientation = simulator.end_pose("belt")
+    turn = np.arcsin(orientation[2])
+    assert turn == pytest.approx(0.1, abs=0.01)
+    x = SPEED * turn / 0.1
+    expected = [x + 0.05 * np.cos(2 * turn), 0.05 * np.sin(2 * turn), 0.0]
+    np.testing.assert_allclose(position, expected, atol=1e-6)
+    weight = simulator.scene.cable.mu * 0.3 * 9.81
+    assert simulator.contact("belt").force[2] == pytest.approx(weight, rel=1e-2)
+    assert session.journal.topics["table"].refusals == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        (
+            {},
+            "obstacles.belt.frame: 'table' gives the pose; remove it or obstacles.belt.pose_topic",
+        ),
+        ({"pose_topic": "", "frame": "/table"}, "is no frame of tf2; give table"),
+        ({"pose_topic": "", "frame": "world"}, "is the world frame, frame_id, .*; remove it"),
+    ],
+)
+def test_frames_are_checked(changes, problem):
+    given = {
+        f"obstacles.belt.{key}": value for key, value in ({"frame": "table"} | changes).items()
+    }
+    with pytest.raises(SceneError, match=problem):
+        scene_from_values(BELT | given)
 
 
 def test_names_and_topics_are_checked():
