@@ -156,7 +156,7 @@ class Contact(Group):
     basis = Lanes("blocks", "touches", 4)  # basis functions
     weight = Lanes("blocks", "touches", 2)  # [m], of each rule
     stride = Wholes(2)  # from one sample to the next, of each rule
-    core = Wholes("obstacles")  # HALF_SPACE, BOX or CYLINDER
+    core = Wholes("obstacles")  # HALF_SPACE, BOX, CYLINDER or TUBE
     rule = Wholes("obstacles")
     half = Reals("obstacles", 3)  # size of the core along its axes
     reach = Reals("obstacles")  # by which the core is grown [m]

@@ -1,7 +1,8 @@
 """Contact with obstacles: pressure along the normal, and friction that sticks.
 
-**Gap.** An obstacle is a core (half space, box, cylinder) grown by its `reach`: its own rounding
-and the radius of the cable. A sphere is a box of size zero, a capsule one that is long in z only.
+**Gap.** An obstacle is a core (half space, box, cylinder, tube) grown by its `reach`: its own
+rounding and the radius of the cable. A sphere is a box of size zero, a capsule one that is long in
+z only. The wall of a tube has no thickness but what it is grown by; a ring is a tube of length 0.
 At y = R^T (r - c), the place of a sample r of the cable in the frame of the obstacle, the gap is
 g = d(y) - reach with the signed distance d from the core. Obstacles may move: `state.pose` has R
 and c at the start, the middle and the end of a step, which are equal between steps.
@@ -57,7 +58,7 @@ from dlo_sim.engine.rows import project
 from dlo_sim.terms.one_sided import depth
 from dlo_sim.terms.vectors import combined, dot
 
-HALF_SPACE, BOX, CYLINDER = 0, 1, 2  # kinds of cores
+HALF_SPACE, BOX, CYLINDER, TUBE = 0, 1, 2, 3  # kinds of cores
 START, MIDDLE, END = 0, 12, 24  # entries of a pose: R by rows (9), c (3)
 # Entries of the law of an obstacle, per length of cable: k, c, k_t, c_t, mu.
 STIFFNESS, DAMPING, BRISTLE, BRISTLE_DAMPING, FRICTION = range(5)
@@ -229,6 +230,27 @@ def cylinder_distance(contact, o, y):
 
 
 @part
+def tube_distance(contact, o, y):
+    """`distance` of a tube about z, open at both ends: a segment along z in the coordinates rho and
+    z. The distance from the middle of its wall, so that d > 0 on both sides.
+    """
+    h = contact.half[o]
+    rho = sqrt(y[0] * y[0] + y[1] * y[1])
+    ex, ey = y[0] / (rho + TINY), y[1] / (rho + TINY)
+    u, c = rho - h[0], fabs(y[2]) - h[2]
+    w = where(c, c, 0.0)
+    d = sqrt(u * u + w * w)
+    radial = where(d, u / (d + TINY), 1.0)
+    n = radial * ex, radial * ey, where(d, w / (d + TINY), 0.0) * sign(y[2])
+    # The wall curves by 1 / rho about the axis; at the rims also by 1 / d across it.
+    wall = where(-c, 1.0 if h[2] > 0.0 else 0.0, 0.0)
+    f = where(wall, rho, d) + TINY
+    round_ = where(wall, sign(u), u / (rho + TINY))
+    xx, yy = ex * ex + round_ * ey * ey, ey * ey + round_ * ex * ex
+    return d, n, f, (xx, yy, 1.0 - wall, (1.0 - round_) * ex * ey)
+
+
+@part
 def distance(contact, o, y):
     """Signed distance d from the core, its gradient n, the distance f from the centre of curvature,
     and f n' + n n^T as its entries xx, yy, zz, xy.
@@ -238,7 +260,9 @@ def distance(contact, o, y):
         return y[2], (none, none, one), one, (none, none, one, none)
     if contact.core[o] == BOX:
         return box_distance(contact, o, y)
-    return cylinder_distance(contact, o, y)
+    if contact.core[o] == CYLINDER:
+        return cylinder_distance(contact, o, y)
+    return tube_distance(contact, o, y)
 
 
 # -- samples of the cable ------------------------------------------------------------------------
@@ -332,6 +356,8 @@ def pressure(contact, o, rate, here, there, dy):
         far = sqrt(way)
         jumped = where(far - (g0 + g1), 1.0, 0.0) * where(0.5 - dot(here[1], there[1]), 1.0, 0.0)
         jumped = jumped * where(far - JUMP * reach, 1.0, 0.0)
+        # Not across the opening of a ring, from one side to the other.
+        jumped = jumped * where(-dot(here[1], dy), 1.0, where(dot(there[1], dy), 1.0, 0.0))
     k, c = law[STIFFNESS], law[DAMPING] * rate
     deep, inverse = depth(g0) + depth(g1), 1.0 / (fabs(g0) + fabs(g1) + TINY)
     share = -deep * inverse
@@ -627,7 +653,8 @@ def core_distance(cable, o, r0, r1, r2):
     if cable.contact.core[o] == BOX:
         a, b = max(abs(y[0]) - half[0], 0.0), max(abs(y[1]) - half[1], 0.0)
         return np.sqrt(a * a + b * b + c * c)
-    a = max(np.sqrt(y[0] * y[0] + y[1] * y[1]) - half[0], 0.0)
+    a = np.sqrt(y[0] * y[0] + y[1] * y[1]) - half[0]
+    a = max(a, 0.0) if cable.contact.core[o] == CYLINDER else abs(a)
     return np.sqrt(a * a + c * c)
 
 

@@ -267,16 +267,22 @@ class Contact:
     friction: float = parameter(0.0, "", (0.0, 100.0))
 
 
+SHAPES = ("plane", "box", "sphere", "cylinder", "capsule", "ring", "channel")
+
+
 @dataclass(frozen=True)
 class Obstacle:
     """A rigid body that the cable cannot enter.
 
     Parameters:
         shape: plane: the half-space below the plane through position, normal to the obstacle's z
-            axis; box; sphere; cylinder; capsule: the latter two about the z axis.
+            axis; box; sphere; cylinder; capsule; ring: an eyelet through which the cable runs, a
+            torus; channel: a tube open at both ends, with round rims; the latter four about the z
+            axis.
         size: Extent along its x, y and z axes. A sphere has the diameter x; a cylinder and a
-            capsule have the diameter x and the length z, that of a capsule with its caps; a plane
-            has none.
+            capsule have the diameter x and the length z, that of a capsule with its caps; a ring
+            has an opening of diameter x and a wire of thickness y; a channel an opening of diameter
+            x, a wall of thickness y and the length z; a plane has none.
         position: Its centre, or of a plane a point on its surface; in `frame` if there is one.
         orientation: Quaternion x, y, z, w of its axes, world frame, or `frame` if there is one.
         friction: Coefficient of Coulomb friction of the cable on it; auto (-1) = contact.friction.
@@ -289,7 +295,7 @@ class Obstacle:
     """
 
     name: str
-    shape: str = parameter("plane", choices=("plane", "box", "sphere", "cylinder", "capsule"))
+    shape: str = parameter("plane", choices=SHAPES)
     size: Vector = parameter((0.1, 0.1, 0.1), "m", (0.0, 1.0e6))
     position: Vector = parameter(ORIGIN, "m", (-1.0e8, 1.0e8))
     orientation: Quaternion = parameter((0.0, 0.0, 0.0, 1.0), "", (-1.0, 1.0))
@@ -334,11 +340,11 @@ class Obstacle:
         away = abs(self.position[axis] - place)
         if self.shape == "sphere":
             return away != 0.0
-        for half, one in zip(self.size, self.axes, strict=True):
+        rounding = {"capsule": self.size[0], "channel": self.size[1]}.get(self.shape, 0.0)
+        for extent, one in zip(self.size, self.axes, strict=True):
             if abs(one[axis]) == 1.0:
-                prism = self.shape == "box" or one == self.axes[2]
-                room = 0.5 * half - (0.5 * self.size[0] if self.shape == "capsule" else 0.0)
-                return away > (room if prism else 0.0)
+                prism = self.shape == "box" or (one == self.axes[2] and self.shape != "ring")
+                return away > (0.5 * (extent - rounding) if prism else 0.0)
         return True
 
 
@@ -1090,7 +1096,8 @@ def _conflicts(scene: Scene) -> Conflicts:
         yield from _of(key, load, _load(key, load))
     yield from _load_frames(scene)
     yield from _topics(scene)
-    yield from _obstacles(scene.obstacles, {grasp.name for grasp in scene.grasps})
+    names = {grasp.name for grasp in scene.grasps}
+    yield from _obstacles(scene.obstacles, names, scene.cable.diameter)
     for obstacle in scene.obstacles:
         key = f"obstacles.{obstacle.name}"
         yield from _of(key, obstacle, _frame_of_obstacle(key, obstacle, scene.frame_id))
@@ -1284,15 +1291,25 @@ def _topics(scene: Scene) -> Conflicts:
             yield key, topic, problem
 
 
-def _obstacles(obstacles: tuple[Obstacle, ...], grasps: set[str]) -> Conflicts:
+def _obstacles(obstacles: tuple[Obstacle, ...], grasps: set[str], diameter: float) -> Conflicts:
     for obstacle in obstacles:
         if obstacle.name in grasps:
             problem = "is the name of a grasp too; rename one of them"
             yield "obstacles.names", obstacle.name, problem
-        used = {"plane": 0, "sphere": 1}.get(obstacle.shape, 3)
+        used = {"plane": 0, "sphere": 1, "ring": 2}.get(obstacle.shape, 3)
+        key = f"obstacles.{obstacle.name}.size"
         if 0.0 in obstacle.size[:used]:
             problem = f"has a zero that a {obstacle.shape} needs; give its extents, or remove it"
-            yield f"obstacles.{obstacle.name}.size", obstacle.size, problem
+            yield key, obstacle.size, problem
+        elif obstacle.shape in ("ring", "channel") and obstacle.size[0] <= diameter:
+            problem = (
+                f"has an opening of {obstacle.size[0]:g} m, through which a cable of {diameter:g} "
+                "m does not go; give a wider one, or a thinner cable"
+            )
+            yield key, obstacle.size, problem
+        elif obstacle.shape == "channel" and obstacle.size[2] < obstacle.size[1]:
+            problem = "is a channel shorter than its wall is thick; make it longer, or take a ring"
+            yield key, obstacle.size, problem
         if math.hypot(*obstacle.orientation) < LEAST_QUATERNION:
             problem = "is no rotation; give x, y, z, w, [0.0, 0.0, 0.0, 1.0] for none"
             yield f"obstacles.{obstacle.name}.orientation", obstacle.orientation, problem

@@ -394,7 +394,7 @@ _STAMP_NS = 0x5AC3_96E1 * _NANO + 0x2B4D_7E81
 _NUMBER, _SHADE = -1.2345678912345678e-251, float(np.float32(-7.654321e-31))
 
 LINE_STRIP, LINE_LIST = 4, 5
-CUBE, SPHERE, CYLINDER = 1, 2, 3
+CUBE, SPHERE, CYLINDER, TRIANGLE_LIST = 1, 2, 3, 11
 _DELETE_ALL = 3
 _NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # viewers complain about a zero quaternion
 
@@ -543,11 +543,14 @@ class CapsuleEncoder:
 
 
 class Body(NamedTuple):
-    """A marker of one shape: CUBE, SPHERE or CYLINDER, its pose (7), and its extents [m] (3)."""
+    """A marker of one shape: CUBE, SPHERE or CYLINDER, its pose (7), and its extents [m] (3); or a
+    TRIANGLE_LIST of points [m], shape (3 k, 3), in the frame of the pose, times the extents.
+    """
 
     kind: int
     pose: Sequence[float]
     extents: Sequence[float]
+    points: Array = np.zeros((0, 3))
 
 
 def encode_contacts(
@@ -571,6 +574,7 @@ def encode_contacts(
     for number, body in enumerate(bodies, 1):
         marker = _marker(frame_id, "contacts", number, body.kind, colors[0], lifetime_ns)
         marker.pose, marker.scale = _pose(body.pose), _vector(body.extents)
+        marker.points = [_vector(point, "Point") for point in body.points.tolist()]
         markers.append(marker)
     for marker in markers:
         marker.header = _new_header(frame_id, stamp_ns)

@@ -191,7 +191,12 @@ class Outputs:
     def _encode_contacts(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         scene, bodies, lines = self._scene, [], [np.zeros((0, 3))]
         for obstacle in scene.obstacles:
-            bodies += _bodies(obstacle, *simulator.end_pose(obstacle.name), scene.cable.length)
+            pose = simulator.end_pose(obstacle.name)
+            if obstacle.shape in ("ring", "channel"):
+                points = simulator.surface(obstacle.name).reshape(-1, 3)
+                bodies.append(cdr.Body(cdr.TRIANGLE_LIST, [*pose[0], *pose[1]], (1.0,) * 3, points))
+            else:
+                bodies += _bodies(obstacle, *pose, scene.cable.length)
             found = simulator.contact(obstacle.name)
             ends = found.points + self._length_per_force * found.forces
             lines.append(np.stack([found.points, ends], axis=1).reshape(-1, 3))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,8 @@ Array = NDArray[np.float64]
 PLANE_SAMPLES = 2  # of a knot span, that planes touch
 STRETCHED = 1.1  # lengths that a cable reaches
 MOST_SAMPLES = 8  # of a knot span
+ACROSS, AROUND = 14, 24  # points of a drawn ring, across its wire and around it
+PASSES, BISECTIONS = 8, 30  # looks at a knot span for a passage, and at a passage
 APART = 0.5  # distance of samples in reaches of the smallest obstacle
 # Penetration by the weight of the whole cable hung over an obstacle, in diameters. Planes, on
 # which only its own weight lies, have `description.DEPTH`.
@@ -37,7 +40,11 @@ BRISTLES, BRISTLE_DAMPED = 1.0, 8.0
 
 
 class Core(NamedTuple):
-    """What an obstacle is before it is grown by `reach` [m]; `half` [m]: half its size by axis."""
+    """What an obstacle is before it is grown by `reach` [m].
+
+    Attributes:
+        half: half its size by axis [m]; of a tube the radius, 0, and half the length.
+    """
 
     kind: int
     half: tuple[float, float, float]
@@ -53,8 +60,30 @@ def core_of(obstacle: Obstacle, radius: float) -> Core:
         return Core(contact.BOX, (x, y, z), radius)
     if obstacle.shape == "cylinder":
         return Core(contact.CYLINDER, (x, x, z), radius)
+    if obstacle.shape in ("ring", "channel"):
+        length = z - y if obstacle.shape == "channel" else 0.0
+        return Core(contact.TUBE, (x + y, 0.0, length), y + radius)
     length = max(z - x, 0.0) if obstacle.shape == "capsule" else 0.0
     return Core(contact.BOX, (0.0, 0.0, length), x + radius)
+
+
+def surface(obstacle: Obstacle) -> Array:
+    """Triangles [m] that show a ring or channel, in its frame, shape (k, 3, 3); counter-clockwise
+    seen from outside.
+    """
+    _, (radius, _, straight), _ = core_of(obstacle, 0.0)
+    around = 2.0 * math.pi / AROUND * np.arange(AROUND)
+    upper = math.pi / (ACROSS // 2 - 1) * np.arange(ACROSS // 2)
+    across = np.concatenate([upper, upper + math.pi])
+    rho = radius + 0.5 * obstacle.size[1] * np.cos(across)
+    z = 0.5 * obstacle.size[1] * np.sin(across) + straight * np.repeat([1.0, -1.0], ACROSS // 2)
+    turn = np.stack([np.cos(around), np.sin(around)], axis=1)
+    points = np.empty((AROUND, ACROSS, 3))
+    points[..., :2], points[..., 2] = rho[:, None] * turn[:, None], z
+    first, second = points, np.roll(points, -1, axis=0)
+    up, beyond = (np.roll(one, -1, axis=1) for one in (first, second))
+    halves = (np.stack(three, axis=2) for three in ((first, second, up), (second, beyond, up)))
+    return np.concatenate([half.reshape(-1, 3, 3) for half in halves])
 
 
 def gaps(obstacle: Obstacle, diameter: float, points: Array) -> Array:
@@ -65,8 +94,9 @@ def gaps(obstacle: Obstacle, diameter: float, points: Array) -> Array:
     if kind == contact.HALF_SPACE:
         return np.asarray(y[..., 2] - reach)
     over = np.abs(y) - np.array(half)
-    if kind == contact.CYLINDER:
+    if kind in (contact.CYLINDER, contact.TUBE):
         radial = np.hypot(y[..., 0], y[..., 1]) - half[0]
+        radial = np.abs(radial) if kind == contact.TUBE else radial
         over = np.stack((radial, over[..., 2]), axis=-1)
     outside = np.linalg.norm(np.maximum(over, 0.0), axis=-1)
     return np.asarray(outside + np.minimum(over.max(axis=-1), 0.0) - reach)
@@ -154,6 +184,10 @@ class Contact(NamedTuple):
         pressure: largest force per length of cable [N/m].
         u: material coordinates of the samples that touch [m], shape (k,). points: there on the axis
             of the cable [m], shape (k, 3). forces: on the cable [N], shape (k, 3).
+        passes: material coordinates [m] at which the cable goes through the middle of the opening
+            of a ring or channel, rising; empty for other shapes.
+        tensions: of the cable [N] one and a half knot spans before and behind what touches, shape
+            (2,); empty if nothing does, or if its shape does not determine the tension.
     """
 
     clearance: float
@@ -162,11 +196,23 @@ class Contact(NamedTuple):
     u: Array
     points: Array
     forces: Array
+    passes: Array
+    tensions: Array
 
 
-def contact_with(cable: Cable, number: int) -> Contact:
+def contact_with(
+    cable: Cable,
+    number: int,
+    obstacle: Obstacle,
+    pose: tuple[Array, Array],
+    tension: Callable[[Array], Array] | None,
+) -> Contact:
     """What of a cable touches an obstacle at the present configuration. The friction is that of
     the bristles, without their damping.
+
+    Args:
+        number: of the obstacle. pose: position [m] and quaternion of it, world frame. tension: [N]
+            at material coordinates [m]; None = not known.
     """
     model, group = cable.model, cable.arrays.contact
     count, spans = group.samples, model.n - bspline.DEGREE
@@ -189,7 +235,41 @@ def contact_with(cable: Cable, number: int) -> Contact:
         u=u[touches],
         points=points,
         forces=forces,
+        passes=passes(cable, obstacle, pose),
+        tensions=_tensions(model.knots, u[touches], tension),
     )
+
+
+def _tensions(knots: Array, u: Array, tension: Callable[[Array], Array] | None) -> Array:
+    """`Contact.tensions` for samples at u that touch."""
+    if tension is None or not len(u):
+        return np.zeros(0)
+    away = 1.5 * float(np.diff(bspline.breaks(knots)).max())
+    return tension(np.clip([u.min() - away, u.max() + away], 0.0, knots[-1]))
+
+
+def passes(cable: Cable, obstacle: Obstacle, pose: tuple[Array, Array]) -> Array:
+    """`Contact.passes` of an obstacle at a pose."""
+    if obstacle.shape not in ("ring", "channel"):
+        return np.zeros(0)
+    model, opening = cable.model, 0.5 * obstacle.size[0]
+    turn = rotations.to_matrix(pose[1])
+
+    def place(u: Array) -> Array:
+        """Points of the cable in the frame of the obstacle."""
+        line = bspline.evaluate(cable.points[:, :3], model.knots, u)
+        return (line + model.origin - pose[0]) @ turn
+
+    u = np.linspace(0.0, model.knots[-1], PASSES * (model.n - bspline.DEGREE) + 1)
+    z = place(u)[:, 2]
+    first = np.flatnonzero((z[1:] > 0.0) != (z[:-1] > 0.0))
+    low, high, above = u[first], u[first + 1], z[first] > 0.0
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        same = (place(middle)[:, 2] > 0.0) == above
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    x, y, _ = place(low).T
+    return np.asarray(low[np.hypot(x, y) < opening])
 
 
 def out_of_reach(scene: Scene) -> dict[str, str]:

@@ -56,8 +56,9 @@ class Recording:
         advice: the error if it exceeds accuracy.target, and what cures it, one line; else empty.
         active_terms, left_out: terms in the step, and the other terms with the reason.
         notes: what a reader of the results should know, one line each.
-        contacts: obstacle -> `clearance` [m], `force` on the cable (3) [N] and largest force per
-            length `pressure` [N/m] at the end of the run.
+        contacts: obstacle -> `clearance` [m], `force` on the cable (3) [N], largest force per
+            length `pressure` [N/m], material coordinates [m] at which the cable `passes` through a
+            ring or channel, and `tensions` [N] on both sides, at the end of the run.
     """
 
     time: Array
@@ -189,6 +190,8 @@ def record_simulator(
                 "clearance": one.clearance,
                 "force": one.force.tolist(),
                 "pressure": one.pressure,
+                "passes": one.passes.tolist(),
+                "tensions": one.tensions.tolist(),
             }
             for name, one in simulator.contacts.items()
         },

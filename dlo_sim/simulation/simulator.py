@@ -699,9 +699,20 @@ class Simulator:
             TypeError, ValueError: no obstacle that the cable can touch.
         """
         self._obstacle(name)
-        return obstacles.contact_with(
-            self.cable, [o.name for o in self.scene.obstacles].index(name)
-        )
+        number = [o.name for o in self.scene.obstacles].index(name)
+        tension = None if self.scene.without_tension else self.tension
+        body, pose = self.scene.obstacles[number], self.end_pose(name)
+        return obstacles.contact_with(self.cable, number, body, pose, tension)
+
+    def surface(self, name: str) -> Array:
+        """Triangles [m] that show an obstacle that is a ring or a channel, in its frame, shape
+        (k, 3, 3).
+
+        Raises:
+            TypeError, ValueError: no obstacle that the cable can touch.
+        """
+        self._obstacle(name)
+        return obstacles.surface(next(o for o in self.scene.obstacles if o.name == name))
 
     def _obstacle(self, name: str) -> Array:
         """Motion of the obstacle of this name, a view."""

@@ -147,8 +147,11 @@ def lifted(clamped: bool, points: int) -> Measured:
     return Measured(tuple(answers), seconds, sim)
 
 
-def capstan(wrap: float, points: int) -> Measured:
-    """A flexible cable drawn slowly over a drum against 1 N: the pull is exp(mu wrap) N."""
+def capstan(wrap: float, points: int, drum: Values | None = None) -> Measured:
+    """A flexible cable drawn slowly over a drum against 1 N: the pull is exp(mu wrap) N.
+
+    `drum`: what else than a cylinder it is, of diameter 0.1 m about the y axis.
+    """
     radius, tail, thick, half = 0.05, 0.15, 0.0025, 0.5 * wrap
     bend = radius + thick  # of the axis of the cable
     length = wrap * bend + 2.0 * tail
@@ -185,6 +188,7 @@ def capstan(wrap: float, points: int) -> Measured:
             "discretization.control_points": points,
             "terms.out_of_plane": "off",
         },
+        drum or {},
         step=1e-3,
     )
     wound = np.zeros((points, 4))

@@ -5,7 +5,7 @@ import pytest
 from cables import FREE, SOFT, Bench
 from numba import boolean, float64, int64, void
 
-from dlo_sim.compiling.groups import grid
+from dlo_sim.compiling.groups import grid, load, store
 from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, piece
 from dlo_sim.core import bspline, spectrum
 from dlo_sim.engine import contact
@@ -23,6 +23,8 @@ SHAPES = {
     "capsule": {"size": [0.1, 0.1, 0.5], "position": [0.5, 0.03, -0.045]},
     "box": {"size": [0.4, 0.2, 0.1], "position": [0.5, 0.03, -0.05]},
     "cylinder": {"size": [0.2, 0.2, 0.3], "position": [0.5, 0.03, -0.09]},
+    "ring": {"size": [0.04, 0.02, 0.0], "position": [0.52, 0.022, 0.0]},
+    "channel": {"size": [0.04, 0.02, 0.3], "position": [0.52, 0.022, 0.0]},
     "rim": {"size": [0.04, 0.04, 0.1], "position": [0.52, 0.018, -0.056]},
 }
 LYING = [0.0, 0.6, 0.0, 0.8]  # its z axis is almost along x
@@ -54,7 +56,7 @@ class Step(Bench):
 
     def __init__(self, shape, friction, seed=3, motion=0.003):
         values = {f"obstacles.body.{key}": value for key, value in SHAPES[shape].items()}
-        if shape in ("capsule", "cylinder"):
+        if shape in ("capsule", "cylinder", "ring", "channel"):
             values["obstacles.body.orientation"] = LYING
         kind = "cylinder" if shape == "rim" else shape
         values |= {"obstacles.names": ["body"], "obstacles.body.shape": kind, "loads.names": []}
@@ -121,7 +123,7 @@ def test_its_jacobian_is_that_of_the_force(shape, friction):
         moved[column // dim, column % dim] = size
         ahead, behind = (step.force(step.second + sign * moved)[0] for sign in (1.0, -1.0))
         exact[:, column] = -(ahead - behind).T.ravel() / (2.0 * size)
-    close = 0.02 if shape == "rim" and friction else 2e-3
+    close = 0.02 if shape in ("rim", "ring") and friction else 2e-3
     assert np.abs(found - exact).max() < close * np.abs(exact).max()
 
 
@@ -130,6 +132,46 @@ def test_no_step_puts_energy_in(shape):
     for seed in range(20):
         step = Step(shape, 0.4, seed)
         assert step.force(step.second)[1][2] >= 0.0
+
+
+@piece(void, int64, ARRAY_2D, ARRAY_2D, terms=CONTACT)
+def distances(address, points, out):
+    y, to = grid(points), grid(out)
+    place = load(y, 0, 0), load(y, 1, 0), load(y, 2, 0)
+    d, n, f, bend = contact.distance(cable_at(address).contact, 0, place)
+    for k, value in enumerate((d, n[0], n[1], n[2], f, *bend)):
+        store(to, k, 0, value)
+
+
+@pytest.mark.parametrize("shape", ["ring", "channel"])
+def test_the_distance_is_that_of_the_nearest_point(shape):
+    """Of a dense sampling of the middle of the wire or wall; with its gradient and curvature."""
+    step = Step(shape, 0.0)
+    inner, thick, length = SHAPES[shape]["size"]
+    half = 0.5 * (length - thick) if shape == "channel" else 0.0
+    angle, z = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 3001), np.linspace(-half, half, 301))
+    radius = 0.5 * (inner + thick)
+    middle = np.stack([radius * np.cos(angle), radius * np.sin(angle), z]).reshape(3, -1)
+
+    def found(y):
+        out = np.zeros((9, 8))
+        step.cable.call(distances, np.ascontiguousarray(y), out)
+        return out
+
+    y = np.random.default_rng(5).uniform(-1.0, 1.0, (3, 8)) * [[0.06], [0.06], [1.3 * half + 0.02]]
+    d, *rest = found(y)
+    brute = np.linalg.norm(y[:, :, None] - middle[:, None], axis=0).min(axis=1)
+    np.testing.assert_allclose(d, brute, atol=1e-5)
+    n, f, bend = np.array(rest[:3]), rest[3], rest[4:]
+    size, curved = 1e-6, np.zeros((3, 3, 8))
+    for axis in range(3):
+        ahead, behind = (found(y + sign * size * np.eye(3)[:, axis:][:, :1]) for sign in (1, -1))
+        np.testing.assert_allclose((ahead[0] - behind[0]) / (2.0 * size), n[axis], atol=1e-8)
+        curved[:, axis] = (ahead[1:4] - behind[1:4]) / (2.0 * size)
+    exact = f * curved + n[:, None] * n[None]
+    for entry, (i, j) in zip(bend, ((0, 0), (1, 1), (2, 2), (0, 1)), strict=True):
+        np.testing.assert_allclose(entry, exact[i, j], atol=1e-7)
+    np.testing.assert_allclose(exact[:2, 2], 0.0, atol=1e-7)
 
 
 def test_weights_integrate_every_basis_function():

@@ -1,0 +1,137 @@
+"""Rings and channels through which a cable runs."""
+
+import math
+
+import numpy as np
+import pytest
+from cables import simulator
+
+from dlo_sim.core import rotations
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.scene.loading import SceneError
+from dlo_sim.simulation.obstacles import surface
+from dlo_sim.studies import contact
+
+TURNED = [0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)]  # its z axis is along x
+# A soft cable along x, through an opening in the middle of it.
+THREADED = {
+    "cable.length": 0.4,
+    "cable.diameter": 0.006,
+    "cable.density": 1200.0,
+    "cable.youngs_modulus": 2e6,
+    "start.position": [-0.2, 0.0, 0.0],
+    "end.position": [0.2, 0.0, 0.0],
+    "end.fixed": [False] * 3,
+    "initial.shape": "straight",
+    "terms.twist": "off",
+    "discretization.control_points": 23,
+    "damping.mass": 1.0,
+    "obstacles.names": ["guide"],
+    "obstacles.guide.orientation": TURNED,
+    "obstacles.guide.friction": 0.3,
+}
+AWAY = [-0.1, 0.05, 0.05]  # [m/s]
+RING = {"obstacles.guide.shape": "ring", "obstacles.guide.size": [0.02, 0.006, 0.0]}
+CHANNEL = {"obstacles.guide.shape": "channel", "obstacles.guide.size": [0.01, 0.002, 0.08]}
+
+
+def threaded(*values, step=2e-3):
+    tight = {"integrator.tolerance": 1e-12}
+    return simulator(THREADED, tight, *values, method="energy_momentum", step=step)
+
+
+def moving(position, turned, velocity):
+    """At constant velocity for a second."""
+    return EndMotion(
+        start=0.0, duration=1.0, position=position, orientation=turned, velocity=velocity
+    )
+
+
+def test_a_ring_is_a_capstan():
+    """Over a quarter of its wire, 0.1 m thick; the report knows the tensions on both sides."""
+    ring = {
+        "obstacles.drum.shape": "ring",
+        "obstacles.drum.size": [0.2, 0.1, 0.0],
+        "obstacles.drum.orientation": TURNED,
+        "obstacles.drum.position": [0.0, 0.0, 0.15],
+    }
+    found = contact.capstan(0.5 * math.pi, 43, ring)
+    assert abs(found.answers[0].error) < 0.01
+    assert found.simulator.energy_error < 1e-4
+    touched = found.simulator.contact("drum")
+    assert len(touched.passes) == 1
+    assert touched.u.min() < touched.passes[0] < touched.u.max()
+    assert touched.tensions[0] / touched.tensions[1] == pytest.approx(1.602, rel=0.02)
+
+
+def test_a_ring_that_moves_does_the_work():
+    sim = threaded(RING)
+    sim.move_obstacle("guide", moving([0.0] * 3, TURNED, [0.0, 0.0, 0.2]))
+    lifted = 0.0
+    for _ in range(10):
+        assert sim.advance(0.05).status.ok
+        lifted = max(lifted, sim.contact("guide").force[2])
+    assert lifted > 0.05
+    assert sim.cable.account.drive_work > 1e-3
+    assert sim.energy_error < 1e-10
+    (u,) = sim.contact("guide").passes
+    assert sim.centerline([u])[0, 0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_cable_is_drawn_through_a_channel():
+    """Aside too, round its rim, and never through its wall."""
+    sim = threaded(CHANNEL)
+    sim.set_motion("start", moving(THREADED["start.position"], rotations.IDENTITY, AWAY))
+    u, before = np.linspace(0.0, 0.4, 401), 0.2
+    for _ in range(20):
+        assert sim.advance(0.05).status.ok
+        line = sim.centerline(u)
+        away = np.hypot(line[:, 1], line[:, 2])
+        inside = (np.abs(line[:, 0]) < 0.039) & (away < 0.02)
+        assert away[inside].max() < 0.002 + 1e-4
+        (now,) = sim.contact("guide").passes
+        assert now > before - 1e-3
+        before = now
+    assert before > 0.28
+    assert sim.energy_error < 1e-8
+
+
+def test_guides_that_make_no_sense_are_refused():
+    with pytest.raises(SceneError, match="guide.size: .* an opening of 0.006 m, through which"):
+        threaded(RING, {"obstacles.guide.size": [0.006, 0.01, 0.0]})
+    with pytest.raises(SceneError, match="guide.size: .* shorter than its wall is thick"):
+        threaded(CHANNEL, {"obstacles.guide.size": [0.01, 0.01, 0.005]})
+    with pytest.raises(SceneError, match="guide.size: .* has a zero that a ring needs"):
+        threaded(RING, {"obstacles.guide.size": [0.01, 0.0, 0.0]})
+    with pytest.raises(SceneError, match="guide.position: the cable begins"):
+        threaded(
+            RING,
+            {
+                "obstacles.guide.position": [0.0, 0.0, 0.02],
+                "obstacles.guide.size": [0.02, 0.02, 0.0],
+            },
+        )
+
+
+@pytest.mark.parametrize(
+    ("aside", "flat"), [([0.0] * 3, True), ([0.0, 1e-3, 0.0], False), ([0.0, 0.0, 2e-3], True)]
+)
+def test_a_guide_keeps_the_cable_in_its_plane_where_it_is_mirrored(aside, flat):
+    for shape in (RING, CHANNEL):
+        held = {"end.fixed": [True] * 3, "end.position": [0.19, 0.0, 0.0]}
+        sim = threaded(shape, held, {"obstacles.guide.position": aside})
+        assert (len(sim.model.axes) == 2) == flat
+
+
+@pytest.mark.parametrize(
+    ("guide", "volume"),
+    [
+        (RING, 2.0 * math.pi**2 * 0.013 * 0.003**2),
+        (CHANNEL, 2.0 * math.pi * 0.006 * (0.002 * 0.078 + math.pi * 0.001**2)),
+    ],
+)
+def test_its_surface_as_triangles_encloses_it(guide, volume):
+    """Seen from outside, counter-clockwise: the volume is positive."""
+    body = threaded(guide).scene.obstacles[0]
+    a, b, c = np.moveaxis(surface(body), 1, 0)
+    assert np.sum(a * np.cross(b, c)) / 6.0 == pytest.approx(volume, rel=0.06)
