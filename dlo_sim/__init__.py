@@ -17,11 +17,21 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-__all__ = ["EndMotion", "Forecast", "Plan", "SceneError", "Simulator", "__version__", "load_scene"]
+__all__ = [
+    "EndMotion",
+    "Forecast",
+    "Obstacle",
+    "Plan",
+    "SceneError",
+    "Simulator",
+    "__version__",
+    "load_scene",
+]
 
 _HOMES = {
     "EndMotion": "dlo_sim.core.end_motion",
     "Forecast": "dlo_sim.simulation.forecast",
+    "Obstacle": "dlo_sim.scene.description",
     "Plan": "dlo_sim.simulation.forecast",
     "SceneError": "dlo_sim.scene.loading",
     "Simulator": "dlo_sim.simulation.simulator",

@@ -260,11 +260,14 @@ class Contact:
         damping: Share of critical damping of what touches: 0 = it bounces; auto (-1) = 0.3, or 0
             with methods that cannot dissipate in contact (rattle, energy_momentum_4).
         friction: Coefficient of friction of obstacles that have none of their own.
+        markers: Largest number of obstacles that markers on ~/obstacles add while the node runs;
+            0 = it does not listen there.
     """
 
     stiffness: float = parameter(0.0, "N/m^2", (0.0, 1.0e12))
     damping: float = parameter(-1.0, "", (0.0, 10.0), auto=-1.0)
     friction: float = parameter(0.0, "", (0.0, 100.0))
+    markers: int = parameter(0, "", (0, 1000), read_only=True)
 
 
 SHAPES = ("plane", "box", "sphere", "cylinder", "capsule", "ring", "channel")
@@ -796,6 +799,7 @@ class Scene:
     forecast: Forecasts = Forecasts()
     accuracy: Accuracy = Accuracy()
     state: State = State()
+    added: tuple[Obstacle, ...] = ()  # by `Simulator.add_obstacles`; no parameters
 
     @property
     def curvature_floor(self) -> float:
@@ -896,9 +900,14 @@ class Scene:
         return {grasp.name: grasp for grasp in self.grasps}[name]
 
     @property
+    def bodies(self) -> tuple[Obstacle, ...]:
+        """All obstacles, those of the scene first."""
+        return (*self.obstacles, *self.added)
+
+    @property
     def touches(self) -> bool:
-        """Whether there are obstacles that the cable touches."""
-        return bool(self.obstacles) and self.terms.contact != "off"
+        """Whether there are obstacles that the cable touches, or may come."""
+        return bool(self.bodies or self.contact.markers) and self.terms.contact != "off"
 
     @cached_property
     def moved(self) -> dict[str, Holder | Obstacle]:
@@ -935,7 +944,8 @@ class Scene:
         Raises:
             SceneError: an unknown key or an invalid scene.
         """
-        return scene_from_values(overridden(scene_values(self), mapping("values", values)))
+        values = overridden(scene_values(self), mapping("values", values))
+        return replace(scene_from_values(values), added=self.added)
 
     @property
     def without_tension(self) -> str:
@@ -1101,6 +1111,9 @@ def _conflicts(scene: Scene) -> Conflicts:
     for obstacle in scene.obstacles:
         key = f"obstacles.{obstacle.name}"
         yield from _of(key, obstacle, _frame_of_obstacle(key, obstacle, scene.frame_id))
+    if scene.contact.markers and scene.terms.contact == "off":
+        problem = "obstacles would do nothing, since terms.contact is off; set it to auto"
+        yield "contact.markers", scene.contact.markers, problem
     yield from _times(scene)
     yield from _colors(scene)
 
@@ -1313,6 +1326,25 @@ def _obstacles(obstacles: tuple[Obstacle, ...], grasps: set[str], diameter: floa
         if math.hypot(*obstacle.orientation) < LEAST_QUATERNION:
             problem = "is no rotation; give x, y, z, w, [0.0, 0.0, 0.0, 1.0] for none"
             yield f"obstacles.{obstacle.name}.orientation", obstacle.orientation, problem
+
+
+def check_added(scene: Scene, obstacle: Obstacle) -> None:
+    """Refuse an obstacle that cannot be added to a scene while it is simulated.
+
+    Raises:
+        SceneError: as for an obstacle of a scene; it has the name of another one; poses move it.
+    """
+    for row in parameters_of(obstacle, f"obstacles.{obstacle.name}."):
+        check_value(row, row.default)
+    taken = set(scene.holders) | {one.name for one in scene.bodies}
+    if obstacle.name in taken:
+        raise refusal("obstacles", obstacle.name, "is there already; remove it before")
+    if obstacle.driven:
+        raise SceneError(
+            f"obstacles.{obstacle.name}: is moved by Simulator.move_obstacle, not poses"
+        )
+    for key, value, problem in _obstacles((obstacle,), set(), scene.cable.diameter):
+        raise refusal(key, value, problem)
 
 
 def _frame_of_obstacle(key: str, obstacle: Obstacle, world: str) -> Iterator[tuple[str, str]]:

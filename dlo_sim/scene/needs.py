@@ -48,6 +48,13 @@ class Needs:
     left_out: dict[str, str]
     warnings: tuple[str, ...] = field(default=(), compare=False)
 
+    def with_contact(self, present: bool) -> Needs:
+        """These needs with obstacles that the cable touches, or without any."""
+        if present == self.contact:
+            return self
+        needs = self._without("contact", contact=present)
+        return needs if present else replace(needs, left_out=needs.left_out | NO_OBSTACLES)
+
     def with_drive(self) -> Needs:
         """These needs with prescribed motion of ends or grasps."""
         return self if self.drive else self._without("drive", drive=True)
@@ -92,6 +99,7 @@ class Needs:
         return tuple(name for name in TERMS if getattr(self, name))
 
 
+NO_OBSTACLES = {"contact": "no obstacles"}
 TERMS = tuple(member.name for member in fields(Needs) if member.type == "bool")
 
 
@@ -133,7 +141,8 @@ def needs_of(scene: Scene) -> Needs:
         "loads": decide("loads", "auto", bool(scene.loads), "no loads"),
         "drive": decide("drive", "auto", _driven(scene), "no gripper moves an end"),
         "damping": decide("damping", terms.damping, _damped(scene), "no damping"),
-        "contact": decide("contact", terms.contact, bool(scene.obstacles), "no obstacles"),
+        "contact": decide("contact", terms.contact, bool(scene.bodies), NO_OBSTACLES["contact"])
+        and bool(scene.bodies),
         "plasticity": decide("plasticity", terms.plasticity, _yields(scene), "no yield curvature"),
     }
     if inextensible(scene):
@@ -296,6 +305,7 @@ def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
         any(load.signal == "none" for load in scene.loads)
         or _driven(scene)
         or any(obstacle.driven for obstacle in scene.obstacles)
+        or scene.contact.markers > 0
         or not (scene.start.held or scene.end.held)
     )
     if in_space or (switch == "auto" and free_to_leave):
@@ -328,7 +338,7 @@ def _forces_leave(scene: Scene, normal: int) -> bool:
     leaving = [scene.gravity[normal], scene.water.velocity[normal] * any(scene.water_drag)]
     around = [axis for axis in range(3) if axis != normal]
     place = scene.start.position[normal] + scene.start.offset[normal]
-    leaving += [obstacle.pushes_along(normal, place) for obstacle in scene.obstacles]
+    leaving += [obstacle.pushes_along(normal, place) for obstacle in scene.bodies]
     for load in scene.loads:
         leaving.append(load.force[normal])
         leaving += [load.torque[axis] for axis in around]

@@ -119,7 +119,7 @@ def parameters_of(group: Any, prefix: str = "") -> Iterator[Parameter]:
         facts = {"description": texts.get(member.name, ""), **member.metadata}
         if is_dataclass(value):
             yield from parameters_of(value, f"{key}.")
-        elif _holds_groups(member):
+        elif _holds_groups(member) and member.metadata:
             names = tuple(item.name for item in value)
             yield Parameter(f"{key}.names", "string_array", names, **facts)
             for item in value:

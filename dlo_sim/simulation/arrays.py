@@ -85,7 +85,8 @@ def sizes_of(
 
 def most_sizes(scene: Scene, n: int, samples: int, touches: int) -> dict[str, int]:
     """Sizes with room for whatever may become active while a cable of the scene runs: motion in
-    space, twist, every grasp, all loads. Memory of these sizes is allocated once.
+    space, twist, every grasp, all loads, obstacles from markers. Memory of these sizes is allocated
+    once, unless `Simulator.add_obstacles` adds more of them.
     """
     holders, curved = len(scene.holders), scene.cable.shaped or plasticity_wanted(scene)
     return sizes_of(
@@ -101,7 +102,7 @@ def most_sizes(scene: Scene, n: int, samples: int, touches: int) -> dict[str, in
         joints=0,
         grasps=holders,
         loads=len(scene.loads),
-        obstacles=len(scene.obstacles),
+        obstacles=max(len(scene.bodies), len(scene.obstacles) + scene.contact.markers),
         touches=touches,
         constraints=n - 1 if inextensible(scene) else 0,
     )
@@ -123,6 +124,14 @@ def to_blocks(values: Array, beyond: float = 0.0) -> Array:
     padded[: len(values)] = values
     by_lane = padded.reshape(blocks, LANES, *values.shape[1:])
     return np.ascontiguousarray(np.moveaxis(by_lane, 1, -1))
+
+
+def resampled(blocks: Array, count: int) -> Array:
+    """Values at count + 1 equally spaced samples of every span from those at other ones, shape
+    (blocks, samples, ...): each is that of the nearest sample.
+    """
+    nearest = np.rint(np.arange(count + 1) * ((blocks.shape[1] - 1) / count)).astype(int)
+    return np.asarray(blocks[:, nearest])
 
 
 def from_blocks(blocks: Array, spans: int) -> Array:

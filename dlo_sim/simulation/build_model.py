@@ -53,7 +53,7 @@ def build_model(
         joints=holding.joints,
         grasps=len(geometries),
         loads=len(scene.loads) if needs.loads else 0,
-        obstacles=len(scene.obstacles) * needs.contact,
+        obstacles=len(scene.bodies) * needs.contact,
         touches=touches,
         constraints=n - 1 if inextensible(scene) else 0,
     )
@@ -63,9 +63,10 @@ def build_model(
     rest[list(axes)] = 0.0
     bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
     origin = np.zeros(3) if origin is None else origin
-    most = most_sizes(scene, n, rule.xi.shape[1], touches)
+    room = obstacles.MOST_SAMPLES + 1 if scene.contact.markers else touches
+    most = most_sizes(scene, n, rule.xi.shape[1], room)
     stiffness = scene.cable.EA, bending
-    places = obstacles.at_rest(scene, origin)
+    places = dict(zip(scene.bodies, obstacles.at_rest(scene, origin), strict=True))
     model = Model(arrays, most, knots, rule, axes, twist, holding, *stiffness, rest, origin, places)
     _Filling(scene, needs, model).fill()
     return model

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import copy
 from typing import Any
 
@@ -26,8 +26,8 @@ from dlo_sim.engine.frames import control_points
 from dlo_sim.engine.natural_curvature import follow_to_present
 from dlo_sim.engine.plasticity import flow_to_present
 from dlo_sim.methods import between_steps
-from dlo_sim.scene.description import Scene
-from dlo_sim.simulation.arrays import from_blocks, to_blocks, without_margins
+from dlo_sim.scene.description import Obstacle, Scene
+from dlo_sim.simulation.arrays import from_blocks, resampled, to_blocks, without_margins
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ class Cable:
     def __init__(self, model: Model) -> None:
         self._left_out = 0  # bits of terms that the method leaves out
         self._allocate(model)
-        self.obstacles[:] = model.obstacles[: len(self.obstacles)]
+        self._touch({})
         self.arrays.state.near[:] = 1.0
         self.place_obstacles(0.0)
 
@@ -73,27 +73,52 @@ class Cable:
         self.x, self.w = self.shown(self.arrays.state.x), self.shown(self.arrays.state.w)
 
     def activate(self, model: Model) -> None:
-        """Go over to a model of the same scene with other lines, terms, or grasps.
+        """Go over to a model of the same scene with other lines, terms, grasps, or obstacles.
 
-        Inputs, plastic and natural curvature, and the energy balance stay. The rest of the state is
-        zero and still to be set: anchors, directions, positions and velocities (`put`).
+        Inputs, plastic and natural curvature, the energy balance, and what the two models have of
+        obstacles stay. The rest of the state is zero and still to be set: anchors, directions,
+        positions and velocities (`put`).
         """
         kept = [array.copy() for array in self._lasting]
-        pending = self.account.pending
+        pending, touched = self.account.pending, self._touched()
         self.state[:] = 0.0
-        self._show(model)
+        if model.rooms == self.model.rooms:
+            self._show(model)
+        else:
+            motion, loads = self.motion.copy(), self.loads.copy()
+            self._allocate(model)
+            self.motion[:] = motion
+            self.loads[: len(loads)] = loads[: len(self.loads)]
         for array, values in zip(self._lasting, kept, strict=True):
             array[...] = values
+        self._touch(touched)
         self.account.load_work += pending
         self._forget_history()
+
+    def _touched(self) -> dict[Obstacle, tuple[Array, Array]]:
+        """Motion and bristles of every obstacle."""
+        bristles = np.moveaxis(np.array(self.arrays.state.bristle), 1, 0)
+        rows = zip(self.obstacles.copy(), bristles, strict=True)
+        return dict(zip(self.model.obstacles, rows, strict=False))
+
+    def _touch(self, before: Mapping[Obstacle, tuple[Array, Array]]) -> None:
+        """Continue what was before with the obstacles that there are still; the others rest in
+        their places.
+        """
+        bristles = np.moveaxis(np.asarray(self.arrays.state.bristle), 1, 0)
+        for k, (obstacle, place) in enumerate(self.model.obstacles.items()):
+            if k < len(self.obstacles):
+                self.obstacles[k] = place
+                if obstacle in before:
+                    self.obstacles[k], kept = before[obstacle]
+                    bristles[k] = resampled(kept, bristles.shape[2] - 1)
 
     @property
     def _lasting(self) -> tuple[Array, ...]:
         """What other lines, terms or grasps leave as it is."""
         state = self.arrays.state
         balance = numbers_of(state.balance)
-        lasting = balance, state.energy, state.energy_begin, state.natural, state.plastic
-        return *lasting, state.bristle
+        return balance, state.energy, state.energy_begin, state.natural, state.plastic
 
     def __getstate__(self) -> tuple[Model, int, Array, Array]:
         """What a copy needs; it has arrays of its own."""

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline, mass, quadrature
 from dlo_sim.engine.arrays import PLASTICITY, CableArrays, Inputs, State
+from dlo_sim.scene.description import Obstacle
 from dlo_sim.simulation.arrays import without_margins
 from dlo_sim.simulation.holding import Holding
 
@@ -33,7 +34,7 @@ class Model:
             (3,).
         origin: of the cable's coordinates in the world [m], shape (3,) (`geometry.origin_of`). All
             positions in the arrays are relative to it.
-        obstacles: their places in the scene, as motions, shape (obstacles, MOTION_SIZE).
+        obstacles: their places in the scene, as motions, shape (MOTION_SIZE,).
     """
 
     arrays: CableArrays
@@ -47,7 +48,7 @@ class Model:
     bending_stiffness: Array
     rest: Array
     origin: Array
-    obstacles: Array
+    obstacles: dict[Obstacle, Array]
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Model:
         """Copies of a cable share the constants."""

@@ -17,6 +17,7 @@ from dlo_sim.engine.arrays import MOTION_SIZE, CableArrays
 from dlo_sim.engine.grasps import DURATION, FRAME, POSITION, START, TURN
 from dlo_sim.scene.description import EARTH, Obstacle, Scene
 from dlo_sim.scene.needs import inextensible
+from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
@@ -24,6 +25,7 @@ from dlo_sim.simulation.model import Model
 Array = NDArray[np.float64]
 PLANE_SAMPLES = 2  # of a knot span, that planes touch
 STRETCHED = 1.1  # lengths that a cable reaches
+PLACES = 101  # of the cable that are checked for being inside obstacles
 MOST_SAMPLES = 8  # of a knot span
 ACROSS, AROUND = 14, 24  # points of a drawn ring, across its wire and around it
 PASSES, BISECTIONS = 8, 30  # looks at a knot span for a passage, and at a passage
@@ -102,6 +104,24 @@ def gaps(obstacle: Obstacle, diameter: float, points: Array) -> Array:
     return np.asarray(outside + np.minimum(over.max(axis=-1), 0.0) - reach)
 
 
+def check_outside(obstacle: Obstacle, diameter: float, u: Array, line: Array) -> None:
+    """Refuse a cable that begins deeper in an obstacle than it is thick: it would be flung out.
+
+    Args:
+        line: points [m] of the cable at the material coordinates u [m], shape (len(u), 3).
+
+    Raises:
+        SceneError: it does; in one line.
+    """
+    depth = -gaps(obstacle, diameter, line) - 0.5 * diameter
+    worst = int(np.argmax(depth))
+    if depth[worst] > diameter:
+        raise SceneError(
+            f"obstacles.{obstacle.name}.position: the cable begins {depth[worst]:.3g} m inside it, "
+            f"at {u[worst]:.3g} m; move the obstacle or the cable's ends"
+        )
+
+
 def stiffness(scene: Scene, obstacle: Obstacle) -> float:
     """Contact force per length of cable and penetration [N/m^2]: as given, or such that neither its
     weight nor its tension presses the cable in far, and a throw does not press it through.
@@ -141,8 +161,8 @@ def at_rest(scene: Scene, origin: Array) -> Array:
     """Places of the obstacles in the scene, relative to an origin, as motions (`engine.grasps`),
     shape (obstacles, MOTION_SIZE).
     """
-    rows = np.zeros((len(scene.obstacles), MOTION_SIZE))
-    for row, obstacle in zip(rows, scene.obstacles, strict=True):
+    rows = np.zeros((len(scene.bodies), MOTION_SIZE))
+    for row, obstacle in zip(rows, scene.bodies, strict=True):
         turned = rotations.normalized(np.array(obstacle.orientation))
         write(row, EndMotion.resting(np.array(obstacle.position) - origin, turned))
     return rows
@@ -280,7 +300,7 @@ def out_of_reach(scene: Scene) -> dict[str, str]:
     for name, end in scene.ends.items():
         if end.driven or not all(end.fixed):
             continue
-        for one in scene.obstacles:
+        for one in scene.bodies:
             if one.driven:
                 continue
             gap = float(gaps(one, scene.cable.diameter, np.add(end.position, end.offset)))
@@ -292,12 +312,12 @@ def out_of_reach(scene: Scene) -> dict[str, str]:
 
 def samples_of(scene: Scene) -> int:
     """Samples of a knot span that touch obstacles, even; 0 without obstacles."""
-    if not scene.obstacles:
+    if not scene.bodies:
         return 0
     span = scene.cable.length / (scene.discretization.control_points - bspline.DEGREE)
     reaches = [
         core_of(obstacle, 0.5 * scene.cable.diameter).reach
-        for obstacle in scene.obstacles
+        for obstacle in scene.bodies
         if obstacle.shape != "plane"
     ]
     wanted = span / (APART * min(reaches)) if reaches else 0.0
@@ -317,7 +337,7 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
     group.basis[:] = to_blocks(_values(knots, fine.xi))
     group.weight[:] = to_blocks(np.stack((coarse.weights, fine.weights), axis=-1))
     group.last[:] = count + np.any(group.weight[:, count] > 0.0, axis=(1, 2))
-    for k, obstacle in enumerate(scene.obstacles[: group.count]):
+    for k, obstacle in enumerate(scene.bodies[: group.count]):
         core = core_of(obstacle, radius)
         flat = core.kind == contact.HALF_SPACE
         group.core[k], group.half[k], group.reach[k] = core

@@ -14,7 +14,7 @@ def check_terms(scene: Scene, needs: Needs) -> None:
     Raises:
         SceneError: naming the key and the cure.
     """
-    if needs.contact and not scene.obstacles:
+    if scene.terms.contact == "on" and not (scene.bodies or scene.contact.markers):
         raise SceneError("terms.contact: 'on' needs obstacles; name one in obstacles.names")
     if scene.terms.stretch == "on" and inextensible(scene):
         raise SceneError(
@@ -65,13 +65,19 @@ def check_method(scene: Scene, method: Method) -> None:
             f"{method.name}, whose constraints a correction breaks; use energy_momentum"
         )
     if scene.terms.contact != "off" and len(method.substeps) > 1 or method.family == CONSTRAINED:
-        rubbing = [o.name for o in scene.obstacles if scene.friction_of(o) > 0.0]
+        rubbing = [o.name for o in scene.bodies if scene.friction_of(o) > 0.0]
         key = f"friction of obstacle {rubbing[0]}" if rubbing else "contact.damping"
-        if rubbing or (scene.obstacles and scene.contact.damping > 0.0):
+        if rubbing or (scene.bodies and scene.contact.damping > 0.0):
             raise SceneError(
                 f"integrator.method: {method.name} is not available with {key}, since its steps "
                 "cannot dissipate in contact; use energy_momentum, or set it to 0.0"
             )
+    if scene.contact.markers and (method.family != IMPLICIT or len(method.substeps) > 1):
+        raise SceneError(
+            f"integrator.method: {method.name} is not available with contact.markers "
+            f"{scene.contact.markers}, since obstacles that come later may be stiffer than its "
+            "steps allow; use energy_momentum, and do not set terms.stretch off"
+        )
     if scene.terms.twist == "quasistatic" and method.family != IMPLICIT:
         raise SceneError(
             f"terms.twist: quasistatic is not available with integrator.method {method.name}; use "

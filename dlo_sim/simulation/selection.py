@@ -209,6 +209,8 @@ def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
         return "velocity_verlet", "Frenet torsion needs an explicit method"
     if inextensible(scene):
         return "rattle", "terms.stretch is off: constraints keep the length"
+    if scene.contact.markers:
+        return "energy_momentum", "obstacles that come later need an implicit method"
     damped = scene.terms.damping != "off"
     if damped and any(scene.damping.internal):
         return "energy_momentum", "stiffness damping needs an implicit method"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -25,7 +25,7 @@ from dlo_sim.core.strain import strain
 from dlo_sim.engine.arrays import ENERGIES, MATERIAL, TORSION
 from dlo_sim.engine.frames import curve_frames
 from dlo_sim.engine.grasps import ACTIVE, POSITION, START
-from dlo_sim.scene.description import Grasp, Scene
+from dlo_sim.scene.description import Grasp, Obstacle, Scene, check_added
 from dlo_sim.scene.needs import (
     Needs,
     inextensible,
@@ -143,7 +143,7 @@ class Simulator:
         optional_terms.check_terms(scene, needs)
         check_named_method(scene)
         self._needs = needs
-        bodies = {one.name for one in scene.obstacles}
+        bodies = {one.name for one in scene.bodies}
         given = {} if end_poses is None else end_poses
         poses = given
         if isinstance(given, Mapping):  # else `geometries_of` refuses it
@@ -594,7 +594,7 @@ class Simulator:
         """Pose of an end effector or an obstacle at the present time: position [m] (3,), quaternion
         x, y, z, w (4,).
         """
-        if any(obstacle.name == end for obstacle in self.scene.obstacles):
+        if any(obstacle.name == end for obstacle in self.scene.bodies):
             return obstacles.pose_at(self._obstacle(end), self.time, self.model.origin)
         position, orientation = self._ends.pose(end, self.time)
         return position + self.model.origin, orientation
@@ -644,7 +644,7 @@ class Simulator:
         Raises:
             TypeError, ValueError: no end, no motion, or one that begins before now or elsewhere.
         """
-        if any(obstacle.name == end for obstacle in self.scene.obstacles):
+        if any(obstacle.name == end for obstacle in self.scene.bodies):
             return self.move_obstacle(end, motion)
         self._ends.check_motion(end, self.time, motion, self.step, self.model.origin)
         motion = motion.moved(-self.model.origin)
@@ -686,10 +686,63 @@ class Simulator:
         obstacles.write(row, motion)
         row[ACTIVE] = 1.0
 
+    def add_obstacles(self, added: Iterable[Obstacle]) -> None:
+        """Add obstacles, at rest at their poses from now on; the work that this does is theirs.
+
+        Needs the method energy_momentum or another one with one implicit step. The memory grows
+        with their number, and code for contact is compiled with the first one, unless the scene
+        makes room for them (contact.markers).
+
+        Raises:
+            TypeError, ValueError: an obstacle as no scene has it, the name of another one, the
+                cable is inside it, or another method; none of them is added.
+        """
+        found = self.scene
+        u = np.linspace(0.0, found.cable.length, obstacles.PLACES)
+        line = self.centerline(u)
+        for obstacle in added:
+            arguments.instance("obstacle", obstacle, Obstacle, "dlo_sim.Obstacle")
+            check_added(found, obstacle)
+            obstacles.check_outside(obstacle, found.cable.diameter, u, line)
+            found = replace(found, added=(*found.added, obstacle))
+        self._surround(found.added)
+
+    def remove_obstacles(self, names: Iterable[str]) -> None:
+        """Remove obstacles that `add_obstacles` added; what that takes away is their work.
+
+        Raises:
+            TypeError, ValueError: no such obstacle; none of them is removed.
+        """
+        known = [one.name for one in self.scene.added]
+        gone = {arguments.one_of("obstacle", name, known) for name in names}
+        self._surround(tuple(one for one in self.scene.added if one.name not in gone))
+
+    def _surround(self, added: tuple[Obstacle, ...]) -> None:
+        """Go on with these obstacles beside those of the scene."""
+        if added == self.scene.added:
+            return
+        scene = replace(self.scene, added=added)
+        if self.choice.method.family != IMPLICIT or len(self.choice.method.substeps) > 1:
+            raise ValueError(
+                f"obstacles: none can be added with integrator.method {self.method}, as they may "
+                "be stiffer than its steps allow; use energy_momentum"
+            )
+        if not scene.touches and added:
+            raise ValueError("obstacles: terms.contact is off; set it to auto")
+        self.cable.settle(self.time)
+        before = self.cable.present_energy()
+        self.scene, needs = scene, self._needs.with_contact(bool(scene.bodies) and scene.touches)
+        place = self._geometries["start"].attachment + self._origin
+        for axis in {0, 1, 2} - set(needs.axes):
+            if any(obstacle.pushes_along(axis, float(place[axis])) for obstacle in added):
+                needs = needs.spatial(scene)
+        self._activate(needs, self._geometries)
+        self.cable.account.drive_work += self.cable.present_energy() - before
+
     @property
     def contacts(self) -> dict[str, obstacles.Contact]:
         """`contact` of all obstacles by name."""
-        touching = self.scene.obstacles if self._needs.contact else ()
+        touching = self.scene.bodies if self._needs.contact else ()
         return {obstacle.name: self.contact(obstacle.name) for obstacle in touching}
 
     def contact(self, name: str) -> obstacles.Contact:
@@ -699,9 +752,9 @@ class Simulator:
             TypeError, ValueError: no obstacle that the cable can touch.
         """
         self._obstacle(name)
-        number = [o.name for o in self.scene.obstacles].index(name)
+        number = [o.name for o in self.scene.bodies].index(name)
         tension = None if self.scene.without_tension else self.tension
-        body, pose = self.scene.obstacles[number], self.end_pose(name)
+        body, pose = self.scene.bodies[number], self.end_pose(name)
         return obstacles.contact_with(self.cable, number, body, pose, tension)
 
     def surface(self, name: str) -> Array:
@@ -712,11 +765,11 @@ class Simulator:
             TypeError, ValueError: no obstacle that the cable can touch.
         """
         self._obstacle(name)
-        return obstacles.surface(next(o for o in self.scene.obstacles if o.name == name))
+        return obstacles.surface(next(o for o in self.scene.bodies if o.name == name))
 
     def _obstacle(self, name: str) -> Array:
         """Motion of the obstacle of this name, a view."""
-        names = [obstacle.name for obstacle in self.scene.obstacles if self._needs.contact]
+        names = [obstacle.name for obstacle in self.scene.bodies if self._needs.contact]
         return self.cable.obstacles[names.index(arguments.one_of("obstacle", name, names))]
 
     def _put_end(
@@ -870,11 +923,13 @@ class Simulator:
             TypeError: not a snapshot. ValueError: a snapshot of another scene.
         """
         arguments.instance("snapshot", snapshot, Snapshot, "from Simulator.snapshot")
-        if snapshot.scene != self.scene:
+        if snapshot.scene != replace(self.scene, added=snapshot.scene.added):
             raise ValueError("snapshot: is of another scene; restore it where it was taken")
         self._steps = snapshot.steps
         self._remainder = snapshot.remainder
-        if snapshot.needs != self._needs or snapshot.geometries is not self._geometries:
+        known = snapshot.scene == self.scene and snapshot.geometries is self._geometries
+        if snapshot.needs != self._needs or not known:
+            self.scene = snapshot.scene
             self._geometries, self._origin = snapshot.geometries, snapshot.origin
             self.cable.activate(
                 build_model(self.scene, snapshot.needs, self._geometries, origin=self._origin)
@@ -1015,8 +1070,8 @@ class Simulator:
             if not any(scene.ends[end].tangent)
         }
         poses = {name: self.end_pose(name) for name in scene.holders | scene.moved}
-        other = Simulator(scene.with_values(tangents), poses)
-        other.scene, other.resolution = scene, resolution
+        other = Simulator(replace(scene.with_values(tangents), added=()), poses)
+        other.scene, other.resolution = replace(scene, added=()), resolution
         other.take_over(self)
         return other
 
@@ -1025,6 +1080,7 @@ class Simulator:
         same ends, grasps and loads. Call it only before the first step.
         """
         arguments.instance("other", other, Simulator, "one that runs")
+        self._surround(other.scene.added)
         points, rates = other.cable.points, other.velocities
         way = other._origin - self._origin
         points[:, :3] += way
@@ -1057,8 +1113,8 @@ class Simulator:
 
     def _take_over_obstacles(self, other: Simulator) -> None:
         """Continue the motions of the other simulator's obstacles."""
-        theirs = {one.name: k for k, one in enumerate(other.scene.obstacles)}
-        for obstacle, row in zip(self.scene.obstacles, self.cable.obstacles, strict=False):
+        theirs = {one.name: k for k, one in enumerate(other.scene.bodies)}
+        for obstacle, row in zip(self.scene.bodies, self.cable.obstacles, strict=False):
             before = other.cable.obstacles[theirs[obstacle.name] :][:1]
             if len(before) and before[0, ACTIVE]:
                 row[:] = before[0]
@@ -1129,6 +1185,12 @@ class Simulator:
         if moments_may_come(self.scene) and needs.twist and not self._needs.twist:
             self._need(needs)
             self._stepper.advance(0, 0)
+            self.restore(self._initial)
+        if self.scene.contact.markers and not self._needs.contact:
+            far = self._origin + 1e3 * self.scene.cable.length
+            self._surround((Obstacle("ahead", "sphere", position=tuple(far.tolist())),))
+            self._stepper.advance(0, 0)
+            self.contacts  # noqa: B018, as the diagnostics read them
             self.restore(self._initial)
         for grasp in self.scene.grasps:
             try:

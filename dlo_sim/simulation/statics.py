@@ -57,7 +57,7 @@ from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
-from dlo_sim.simulation.obstacles import gaps
+from dlo_sim.simulation.obstacles import PLACES, check_outside
 from dlo_sim.simulation.resolution import resolved
 from dlo_sim.simulation.soundness import leaves_clamp_backwards, unexplained_stretch
 from dlo_sim.simulation.stepper import Stepper
@@ -65,7 +65,6 @@ from dlo_sim.simulation.stepper import Stepper
 Array = NDArray[np.float64]
 Lay = Callable[[], None]
 
-PLACES = 101  # places of the cable that are checked for being inside obstacles
 
 EASY = 0.8  # distance of the ends, in lengths of the cable between them, where the search begins
 STEPS = 2  # from there, unless more are needed
@@ -226,14 +225,8 @@ class _FirstShape:
             return
         u = np.linspace(0.0, scene.cable.length, PLACES)
         line = bspline.evaluate(points, model.knots, u) + model.origin
-        for obstacle in scene.obstacles:
-            depth = -gaps(obstacle, scene.cable.diameter, line) - 0.5 * scene.cable.diameter
-            worst = int(np.argmax(depth))
-            if depth[worst] > scene.cable.diameter:
-                raise SceneError(
-                    f"obstacles.{obstacle.name}.position: the cable begins {depth[worst]:.3g} m "
-                    f"inside it, at {u[worst]:.3g} m; move the obstacle or the cable's ends"
-                )
+        for obstacle in scene.bodies:
+            check_outside(obstacle, scene.cable.diameter, u, line)
 
     # -- along the way of the ends, for the twist as it is ----------------------------------------
 

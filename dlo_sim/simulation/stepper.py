@@ -67,7 +67,7 @@ class Stepper:
         self.check_every = 1 if method.family == IMPLICIT else GUARD_STEPS
         self._cable = cable
         self._constants = _constants_of(method, scene, self.check_every)
-        self._kept = np.empty_like(cable.state)  # allocated once, not in every advance
+        self._kept = np.empty_like(cable.state)  # not allocated in every advance
         self._unrecorded = Recorder(cable.model, np.zeros(0))
         if method.family != IMPLICIT:
             # What keeps spans from turning over is a hundred times as stiff as the cable, more than
@@ -81,6 +81,8 @@ class Stepper:
     def advance(self, first: int, steps: int, recorder: Recorder | None = None) -> Advance:
         """Advance by whole steps from step `first`; after a failure restore the last good state."""
         recorder = self._unrecorded if recorder is None else recorder
+        if self._kept.size != self._cable.state.size:  # obstacles were added
+            self._kept = np.empty_like(self._cable.state)
         self._kept[:] = self._cable.state
         done = self.run(first, steps, recorder)
         status = done.status

@@ -1,0 +1,126 @@
+"""Obstacles that are added and removed while a cable is simulated."""
+
+import numpy as np
+import pytest
+
+from dlo_sim import EndMotion, Obstacle, Simulator
+from dlo_sim.scene.loading import scene_from_values
+
+LYING = {
+    "cable.length": 0.3,
+    "cable.diameter": 0.006,
+    "cable.youngs_modulus": 2e6,
+    "start.fixed": [False] * 3,
+    "end.position": [0.3, 0.0, 0.0],
+    "discretization.control_points": 9,
+    "damping.mass": 1.0,
+    "integrator.step": 5e-3,
+    "integrator.method": "energy_momentum",
+    "contact.friction": 0.5,
+}
+TABLE = Obstacle("table", position=(0.0, 0.0, -0.004))
+BOX = Obstacle("box", "box", (0.04, 0.04, 0.02), (0.15, 0.03, 0.006))
+
+
+def lying(**values):
+    return Simulator(scene_from_values(LYING | values))
+
+
+def weight(sim):
+    return sim.scene.cable.mu * sim.scene.cable.length * 9.81
+
+
+@pytest.mark.parametrize("room", [0, 4])
+def test_a_cable_falls_on_a_table_that_comes_and_on_when_it_goes(room):
+    """With room for it in the scene, or with memory that grows; a snapshot has what was there."""
+    sim = lying(**{"contact.markers": room})
+    assert "contact" not in sim.active_terms
+    assert sim.left_out["contact"] == "no obstacles"
+    before = sim.snapshot()
+    sim.add_obstacles([TABLE])
+    assert "contact" in sim.active_terms
+    sim.advance(0.5)
+    assert sim.contact("table").force[2] == pytest.approx(weight(sim), rel=1e-3)
+    resting = sim.snapshot()
+    sim.remove_obstacles(["table"])
+    assert "contact" not in sim.active_terms
+    assert sim.left_out["contact"] == "no obstacles"
+    sim.advance(0.1)
+    fallen = sim.centerline([0.15])[0, 2]
+    assert fallen == pytest.approx(-0.001 - 0.5 * 9.81 * 0.1**2, rel=0.1)
+    assert sim.energy_error < 1e-6
+    sim.restore(resting)
+    sim.advance(0.1)
+    assert sim.centerline([0.15])[0, 2] == pytest.approx(-0.001, abs=1e-4)
+    sim.restore(before)
+    assert not sim.scene.bodies
+    sim.add_obstacles([TABLE])
+    sim.advance(0.5)
+    assert np.array_equal(sim.snapshot().state, resting.state)
+
+
+def test_what_touches_stays_as_it_is_when_others_come():
+    """The bristles that hold the cable on a moving table are kept, and its motion."""
+    sim = lying()
+    sim.add_obstacles([TABLE])
+    sim.advance(0.3)
+    path = np.array([TABLE.position, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0)])
+    motion = EndMotion.from_coefficients(
+        sim.time, 1.0, path, np.array([0.0, 0.0, 0.0, 1.0]), np.zeros((2, 3))
+    )
+    sim.move_obstacle("table", motion)
+    sim.advance(0.5)
+    before, place = sim.contact("table").forces, sim.end_pose("table")[0]
+    thin = Obstacle("thin", "cylinder", (0.004, 0.004, 0.1), (0.9, 0.0, 0.0))
+    sim.add_obstacles([thin])
+    assert sim.model.arrays.contact.samples > 2
+    assert np.array_equal(sim.end_pose("table")[0], place)
+    np.testing.assert_allclose(sim.contact("table").forces, before, rtol=1e-12)
+    sim.advance(0.2)
+    assert sim.end_pose("table")[0][0] == pytest.approx(0.07)
+    assert sim.centerline([0.15])[0, 0] == pytest.approx(0.15 + 0.07, abs=2e-3)
+    assert sim.energy_error < 1e-4
+
+
+def test_a_box_that_comes_pushes_the_cable_aside():
+    sim = lying()
+    sim.add_obstacles([TABLE, BOX])
+    sim.advance(0.3)
+    path = np.array([BOX.position, (0.0, -0.1, 0.0), (0.0, 0.0, 0.0)])
+    motion = EndMotion.from_coefficients(
+        sim.time, 0.2, path, np.array([0.0, 0.0, 0.0, 1.0]), np.zeros((2, 3))
+    )
+    sim.move_obstacle("box", motion)
+    sim.advance(0.5)
+    assert sim.centerline([0.15])[0, 1] == pytest.approx(-0.01 - 0.003, abs=1e-3)
+    assert sim.energy_error < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "problem"),
+    [
+        (Obstacle("ball", "ball"), "obstacles.ball.shape: 'ball' is unknown"),
+        (Obstacle("ball", "sphere", (0.0, 0.0, 0.0)), "obstacles.ball.size: .* has a zero"),
+        (Obstacle("ball", "sphere", (np.nan,) * 3), r"obstacles.ball.size\[0\]: nan is not finite"),
+        (Obstacle("start", "sphere"), "obstacles: 'start' is there already"),
+        (Obstacle("ball", "sphere", position=(0.1, 0, 0)), "the cable begins 0.049 m inside it"),
+        (Obstacle("ball", "sphere", pose_topic="/ball"), "ball: is moved by Simulator.move_obs"),
+    ],
+)
+def test_what_cannot_be_added_is_refused_and_nothing_else_is_added(obstacle, problem):
+    sim = lying()
+    with pytest.raises(ValueError, match=problem):
+        sim.add_obstacles([TABLE, obstacle])
+    assert not sim.scene.bodies
+
+
+def test_unknown_ones_and_explicit_methods_are_refused():
+    sim = lying(**{"integrator.method": "velocity_verlet", "integrator.step": 0.0})
+    with pytest.raises(ValueError, match="obstacle: 'table' is not known"):
+        sim.remove_obstacles(["table"])
+    with pytest.raises(ValueError, match="none can be added with integrator.method velocity_ve"):
+        sim.add_obstacles([TABLE])
+    with pytest.raises(ValueError, match="velocity_verlet is not available with contact.markers 4"):
+        lying(**{"integrator.method": "velocity_verlet", "contact.markers": 4})
+    with pytest.raises(ValueError, match="contact.markers: 4 obstacles would do nothing"):
+        lying(**{"terms.contact": "off", "contact.markers": 4})
