@@ -71,7 +71,7 @@ ALL_INPUTS = {
     "forecast.processes": 1,
 }
 COMMANDS = ("simulate", "replay", "node")
-FEW = settings(max_examples=max(4, settings().max_examples // 5))  # examples that take a second
+FEW = settings(max_examples=max(2, settings().max_examples // 10))  # examples that take a second
 
 
 def check_line(text):

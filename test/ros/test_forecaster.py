@@ -40,6 +40,7 @@ def until(condition: Callable[[], object]) -> None:
     deadline = time.monotonic() + 60.0
     while not condition():
         assert time.monotonic() < deadline
+        time.sleep(0.002)  # the processes need the cores
 
 
 def values(forecaster: Forecaster) -> dict[str, str]:

@@ -17,7 +17,7 @@ from node_harness import SOON
 from rosgraph_msgs.msg import Clock
 
 from dlo_sim.doctor.findings import of_topics
-from dlo_sim.ros.survey import survey
+from dlo_sim.ros.survey import _Listening, survey
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session.session import Session
@@ -69,6 +69,13 @@ def pose(stamp: float, frame: str = "world") -> PoseStamped:
     return message
 
 
+def test_the_rate_is_that_of_the_arrivals() -> None:
+    heard = _Listening(Session(HELD, FakeSimulator), lambda: 0)
+    assert heard.rate("/pose") == 0.0
+    for heard.arrivals["/pose"], rate in (([7.0], 0.0), ([7.0, 7.02, 7.03, 7.06], 50.0)):
+        assert heard.rate("/pose") == pytest.approx(rate)
+
+
 def test_nobody_publishes(look: Any) -> None:
     found = look(LOADED)
     assert found["problem"] == ["nobody publishes /pose; the node waits for it"]
@@ -81,7 +88,7 @@ def test_good_poses_and_a_load_of_another_type(look: Any) -> None:
     found = look(LOADED, lambda: poses.publish(pose(time.time())))
     rate, now = found["ok"]
     topic, number = rate.split()[:2]
-    assert topic == "/pose:" and 20.0 < float(number) <= 120.0 and "frame 'world'" in rate
+    assert topic == "/pose:" and float(number) > 0.0 and "frame 'world'" in rate
     assert now == "stamps agree with the wall clock"
     (mismatch,) = found["problem"]
     assert "publishes geometry_msgs/msg/PoseStamped on /wrench" in mismatch
