@@ -41,6 +41,7 @@ GUARDED = 32768  # spans are kept from turning over (`engine.span_guard`)
 BORDERED = 1 << 16  # a place between control points may be held (`engine.band`)
 LOADED = 1 << 17  # wrenches may act
 SPRUNG = 1 << 18  # springs may hold the cable
+MESHED = 1 << 24  # obstacles may be triangle meshes
 
 # Bits of the families of methods, beside those of the terms.
 SPLITTING, RUNGE_KUTTA, ZHAI = 1 << 19, 1 << 20, 1 << 21
@@ -156,12 +157,15 @@ class Contact(Group):
     basis = Lanes("blocks", "touches", 4)  # basis functions
     weight = Lanes("blocks", "touches", 2)  # [m], of each rule
     stride = Wholes(2)  # from one sample to the next, of each rule
-    core = Wholes("obstacles")  # HALF_SPACE, BOX, CYLINDER or TUBE
+    core = Wholes("obstacles")  # HALF_SPACE, BOX, CYLINDER, TUBE or MESH
     rule = Wholes("obstacles")
     half = Reals("obstacles", 3)  # size of the core along its axes
     reach = Reals("obstacles")  # by which the core is grown [m]
     extent = Reals("obstacles")  # of the core from its centre, that a rotation moves [m]
     law = Reals("obstacles", 5)  # `contact.STIFFNESS` to FRICTION
+    field = Reals("obstacles", 10)  # of meshes (`distance_field.ORIGIN` to HIGH)
+    field_shape = Wholes("obstacles", 4)  # points of its grid by axis, first of its values
+    field_values = Reals("field_values")  # coefficients of the splines of all meshes [m]
     still = Reals(3)  # centre of the lines: the constant coordinate of planar motion [m]
     density = Number()  # mass per length [kg/m]
     least_margin = Number()  # of the broad phase [m]
@@ -292,6 +296,7 @@ class Work(Group):
     border_spare = Reals("unknowns")
     border_value = Reals("bordered")
     trial = Lanes("blocks", "obstacles", "touches", 3)  # bristles at the end of the step
+    looked = Reals(10, groups.LANES)  # places, then distances (`engine.distance_field`)
     contact_sums = Reals(90, groups.LANES)  # derivatives between the control points of a span
     # twist line of implicit steps
     twist_latest = Reals("lines", "columns")

@@ -3,6 +3,7 @@
 **Gap.** An obstacle is a core (half space, box, cylinder, tube) grown by its `reach`: its own
 rounding and the radius of the cable. A sphere is a box of size zero, a capsule one that is long in
 z only. The wall of a tube has no thickness but what it is grown by; a ring is a tube of length 0.
+A mesh has a field of signed distances on a grid (`engine.distance_field`).
 At y = R^T (r - c), the place of a sample r of the cable in the frame of the obstacle, the gap is
 g = d(y) - reach with the signed distance d from the core. Obstacles may move: `state.pose` has R
 and c at the start, the middle and the end of a step, which are equal between steps.
@@ -52,13 +53,14 @@ from dlo_sim.engine.arrays import (
     VECTOR,
     cable_at,
 )
+from dlo_sim.engine.distance_field import field_distance
 from dlo_sim.engine.grasps import POSITION, component, elapsed, moves, turned
 from dlo_sim.engine.lines import add, clear, copy, kinetic, solve_mass
 from dlo_sim.engine.rows import project
 from dlo_sim.terms.one_sided import depth
 from dlo_sim.terms.vectors import combined, dot
 
-HALF_SPACE, BOX, CYLINDER, TUBE = 0, 1, 2, 3  # kinds of cores
+HALF_SPACE, BOX, CYLINDER, TUBE, MESH = range(5)  # kinds of cores
 START, MIDDLE, END = 0, 12, 24  # entries of a pose: R by rows (9), c (3)
 # Entries of the law of an obstacle, per length of cable: k, c, k_t, c_t, mu.
 STIFFNESS, DAMPING, BRISTLE, BRISTLE_DAMPING, FRICTION = range(5)
@@ -203,6 +205,8 @@ def box_distance(contact, o, y):
         where(far, where(b, 1.0, 0.0), second),
         where(far, where(c, 1.0, 0.0), third),
         zero(),
+        zero(),
+        zero(),
     )
     return d, n, fabs(d) + TINY, bend
 
@@ -225,8 +229,8 @@ def cylinder_distance(contact, o, y):
     # Along the rim the surface curves by 1 / rho: u / rho instead of 1 in f n' + n n^T.
     less = where(lateral, 0.0, where(radial, 1.0 - u / (rho + TINY), 0.0))
     on_side, on_cap = where(radial, 1.0, 0.0), where(lateral, 0.0, 1.0)
-    bend = on_side - less * ey * ey, on_side - less * ex * ex, on_cap, less * ex * ey
-    return d, n, f, bend
+    xx, yy = on_side - less * ey * ey, on_side - less * ex * ex
+    return d, n, f, (xx, yy, on_cap, less * ex * ey, zero(), zero())
 
 
 @part
@@ -247,22 +251,25 @@ def tube_distance(contact, o, y):
     f = where(wall, rho, d) + TINY
     round_ = where(wall, sign(u), u / (rho + TINY))
     xx, yy = ex * ex + round_ * ey * ey, ey * ey + round_ * ex * ex
-    return d, n, f, (xx, yy, 1.0 - wall, (1.0 - round_) * ex * ey)
+    return d, n, f, (xx, yy, 1.0 - wall, (1.0 - round_) * ex * ey, zero(), zero())
 
 
 @part
-def distance(contact, o, y):
+def distance(cable, o, y):
     """Signed distance d from the core, its gradient n, the distance f from the centre of curvature,
-    and f n' + n n^T as its entries xx, yy, zz, xy.
+    and f n' + n n^T as its entries xx, yy, zz, xy, xz, yz.
     """
+    contact = cable.contact
     if contact.core[o] == HALF_SPACE:
         one, none = zero() + 1.0, zero()
-        return y[2], (none, none, one), one, (none, none, one, none)
+        return y[2], (none, none, one), one, (none, none, one, none, none, none)
     if contact.core[o] == BOX:
         return box_distance(contact, o, y)
     if contact.core[o] == CYLINDER:
         return cylinder_distance(contact, o, y)
-    return tube_distance(contact, o, y)
+    if contact.core[o] == TUBE:
+        return tube_distance(contact, o, y)
+    return field_distance(cable, o, y)
 
 
 # -- samples of the cable ------------------------------------------------------------------------
@@ -440,7 +447,7 @@ def add_force(cable, springs, rate, most, rubs, x0, x1, out):
                     continue
                 r0 = sample_at(contact, b, j, q0)
                 y0, y1 = to_body(pose, begun, r0), to_body(pose, END, r1)
-                here, there = distance(contact, o, y0), distance(contact, o, y1)
+                here, there = distance(cable, o, y0), distance(cable, o, y1)
                 dy = combined(1.0, y1, -1.0, y0)
                 if contact.core[o] != HALF_SPACE and misses(contact, o, here, there, dy):
                     if rubbed:
@@ -502,7 +509,7 @@ def energy(cable, x, out):
                 if beyond(cable, o, r):
                     continue
                 y = to_body(pose, END, r)
-                deep = depth(distance(contact, o, y)[0] - contact.reach[o])
+                deep = depth(distance(cable, o, y)[0] - contact.reach[o])
                 z = bristle_of(state, b, o, j)
                 stored = law[STIFFNESS] * deep * deep + law[BRISTLE] * dot(z, z)
                 sum_ += 0.5 * contact.weight[b, j, pick] * stored
@@ -522,9 +529,9 @@ def by_motion(contact, o, rate, stiff, here, there, dy, z, rubbed):
         combined(push[2], n1, aside[2], n1),
     )
     h = (
-        (h[0][0] + turn * bend[0], h[0][1] + turn * bend[3], h[0][2]),
-        (h[1][0] + turn * bend[3], h[1][1] + turn * bend[1], h[1][2]),
-        (h[2][0], h[2][1], h[2][2] + turn * bend[2]),
+        (h[0][0] + turn * bend[0], h[0][1] + turn * bend[3], h[0][2] + turn * bend[4]),
+        (h[1][0] + turn * bend[3], h[1][1] + turn * bend[1], h[1][2] + turn * bend[5]),
+        (h[2][0] + turn * bend[4], h[2][1] + turn * bend[5], h[2][2] + turn * bend[2]),
     )
     if rubbed:
         trial, share, far, _, _, inverse = friction(law, stiff, n, dy, z, p)
@@ -572,7 +579,7 @@ def add_tangent(cable, rate, rubs, x0, x1, scale, band):
                     continue
                 y0 = to_body(pose, START, sample_at(contact, b, j, q0))
                 y1 = to_body(pose, END, r1)
-                here, there = distance(contact, o, y0), distance(contact, o, y1)
+                here, there = distance(cable, o, y0), distance(cable, o, y1)
                 dy = combined(1.0, y1, -1.0, y0)
                 if contact.core[o] != HALF_SPACE and misses(contact, o, here, there, dy):
                     continue
@@ -650,7 +657,7 @@ def core_distance(cable, o, r0, r1, r2):
     if cable.contact.core[o] == HALF_SPACE:
         return y[2]
     c = max(abs(y[2]) - half[2], 0.0)
-    if cable.contact.core[o] == BOX:
+    if cable.contact.core[o] in (BOX, MESH):
         a, b = max(abs(y[0]) - half[0], 0.0), max(abs(y[1]) - half[1], 0.0)
         return np.sqrt(a * a + b * b + c * c)
     a = np.sqrt(y[0] * y[0] + y[1] * y[1]) - half[0]
@@ -834,7 +841,7 @@ def report(address, obstacle, out):
         for j in range(0, contact.last[b], contact.stride[pick]):
             w = contact.weight[b, j, pick]
             y = to_body(pose, END, sample_at(contact, b, j, q))
-            d, n, _, _ = distance(contact, o, y)
+            d, n, _, _ = distance(cable, o, y)
             gap, z = d - contact.reach[o], bristle_of(state, b, o, j)
             f = combined(-law[STIFFNESS] * depth(gap), n, -law[BRISTLE], z)
             f = scaled(w, to_lines(pose, END, f))

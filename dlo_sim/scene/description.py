@@ -270,7 +270,7 @@ class Contact:
     markers: int = parameter(0, "", (0, 1000), read_only=True)
 
 
-SHAPES = ("plane", "box", "sphere", "cylinder", "capsule", "ring", "channel")
+SHAPES = ("plane", "box", "sphere", "cylinder", "capsule", "ring", "channel", "mesh")
 
 
 @dataclass(frozen=True)
@@ -281,13 +281,18 @@ class Obstacle:
         shape: plane: the half-space below the plane through position, normal to the obstacle's z
             axis; box; sphere; cylinder; capsule; ring: an eyelet through which the cable runs, a
             torus; channel: a tube open at both ends, with round rims; the latter four about the z
-            axis.
+            axis; mesh: a closed surface of triangles.
         size: Extent along its x, y and z axes. A sphere has the diameter x; a cylinder and a
             capsule have the diameter x and the length z, that of a capsule with its caps; a ring
             has an opening of diameter x and a wire of thickness y; a channel an opening of diameter
-            x, a wall of thickness y and the length z; a plane has none.
+            x, a wall of thickness y and the length z; a plane and a mesh have none.
         position: Its centre, or of a plane a point on its surface; in `frame` if there is one.
         orientation: Quaternion x, y, z, w of its axes, world frame, or `frame` if there is one.
+        mesh: STL file of the mesh: a path relative to the scene's file (to the working directory if
+            there is none), or package://PACKAGE/PATH.
+        mesh_scale: Factor from the lengths in the file to m: 0.001 for a file in mm.
+        mesh_cells: Cells of the grid of distances along the longest side of the mesh. Edges, and
+            walls thinner than two cells, are rounded by about a cell.
         friction: Coefficient of Coulomb friction of the cable on it; auto (-1) = contact.friction.
         pose_topic: Topic of its pose (PoseStamped), which moves it; empty = it rests.
         frame: tf2 frame to which it is attached and with which it moves, such as that of a table or
@@ -302,6 +307,9 @@ class Obstacle:
     size: Vector = parameter((0.1, 0.1, 0.1), "m", (0.0, 1.0e6))
     position: Vector = parameter(ORIGIN, "m", (-1.0e8, 1.0e8))
     orientation: Quaternion = parameter((0.0, 0.0, 0.0, 1.0), "", (-1.0, 1.0))
+    mesh: str = parameter("")
+    mesh_scale: float = parameter(1.0, "", (1.0e-9, 1.0e9))
+    mesh_cells: int = parameter(48, "", (8, 200))
     friction: float = parameter(-1.0, "", (0.0, 100.0), auto=-1.0)
     pose_topic: str = parameter("", read_only=True)
     frame: str = parameter("", read_only=True)
@@ -336,11 +344,13 @@ class Obstacle:
 
     def pushes_along(self, axis: int, place: float) -> bool:
         """Whether it can push a cable out of the plane normal to a world axis, at this place on it:
-        unless it is mirrored in that plane, or a prism across it.
+        unless it is mirrored in that plane, or a prism across it, which of a mesh is not known.
         """
         if self.shape == "plane":
             return self.normal[axis] != 0.0
         away = abs(self.position[axis] - place)
+        if self.shape == "mesh":
+            return True
         if self.shape == "sphere":
             return away != 0.0
         rounding = {"capsule": self.size[0], "channel": self.size[1]}.get(self.shape, 0.0)
@@ -1309,7 +1319,10 @@ def _obstacles(obstacles: tuple[Obstacle, ...], grasps: set[str], diameter: floa
         if obstacle.name in grasps:
             problem = "is the name of a grasp too; rename one of them"
             yield "obstacles.names", obstacle.name, problem
-        used = {"plane": 0, "sphere": 1, "ring": 2}.get(obstacle.shape, 3)
+        if obstacle.shape == "mesh" and not obstacle.mesh:
+            problem = "is no file; give an STL file, or another shape"
+            yield f"obstacles.{obstacle.name}.mesh", obstacle.mesh, problem
+        used = {"plane": 0, "mesh": 0, "sphere": 1, "ring": 2}.get(obstacle.shape, 3)
         key = f"obstacles.{obstacle.name}.size"
         if 0.0 in obstacle.size[:used]:
             problem = f"has a zero that a {obstacle.shape} needs; give its extents, or remove it"

@@ -73,9 +73,18 @@ def scene_file_values(source: str | os.PathLike[str]) -> dict[str, object]:
     """
     path = find_scene(source)
     try:
-        return _node_values(_read_yaml(path))
+        return _beside(path, _node_values(_read_yaml(path)))
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
+
+
+def _beside(path: Path, values: dict[str, object]) -> dict[str, object]:
+    """The values, with files of meshes as seen from the file that names them."""
+    for key, value in values.items():
+        if key.startswith("obstacles.") and key.endswith(".mesh") and isinstance(value, str):
+            if value and "://" not in value:
+                values[key] = str(path.parent / Path(value).expanduser())
+    return values
 
 
 def parse_assignment(text: str) -> tuple[str, object]:

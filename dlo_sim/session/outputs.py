@@ -192,7 +192,7 @@ class Outputs:
         scene, bodies, lines = self._scene, [], [np.zeros((0, 3))]
         for obstacle in scene.obstacles:
             pose = simulator.end_pose(obstacle.name)
-            if obstacle.shape in ("ring", "channel"):
+            if obstacle.shape in ("ring", "channel", "mesh"):
                 points = simulator.surface(obstacle.name).reshape(-1, 3)
                 bodies.append(cdr.Body(cdr.TRIANGLE_LIST, [*pose[0], *pose[1]], (1.0,) * 3, points))
             else:

@@ -32,6 +32,7 @@ def sizes_of(
     obstacles: int,
     touches: int,
     constraints: int,
+    field_values: int = 0,
 ) -> dict[str, int]:
     """Sizes of all dimensions that `engine.arrays` names.
 
@@ -65,6 +66,7 @@ def sizes_of(
         "loads": loads,
         "obstacles": obstacles,
         "touches": touches,
+        "field_values": field_values,
         "constraints": constraints,
         "seen": 4 * dim,
         "unknowns": unknowns,

@@ -84,6 +84,7 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
         obstacles=first.arrays.sizes["obstacles"],
         touches=first.arrays.sizes["touches"],
         constraints=0,
+        field_values=first.arrays.sizes["field_values"],
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
     model = Model(

@@ -16,7 +16,7 @@ from dlo_sim.simulation.arrays import most_sizes, sizes_of, to_blocks, without_m
 from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.holding import Holding, holding_of
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.obstacles import samples_of
+from dlo_sim.simulation.obstacles import field_values, samples_of
 from dlo_sim.simulation.resolution import knot_grading
 
 Array = NDArray[np.float64]
@@ -56,6 +56,7 @@ def build_model(
         obstacles=len(scene.bodies) * needs.contact,
         touches=touches,
         constraints=n - 1 if inextensible(scene) else 0,
+        field_values=field_values(scene) if needs.contact else 0,
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
     arrays.axes[: len(axes)] = axes
@@ -120,6 +121,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool, holding: Holding) -> int:
         bits.DAMPED: needs.damping,
         bits.BISHOP: needs.bishop,
         bits.CONTACT: needs.contact,
+        bits.MESHED: needs.contact and any(o.shape == "mesh" for o in scene.bodies),
         bits.STATIC_TWIST: needs.quasistatic,
         bits.DRAG: bool(scene.implicit_drag),
         bits.THINNED: needs.bend and scene.damping.thinning * scene.damping.internal[1] > 0.0,

@@ -14,12 +14,14 @@ from dlo_sim.core import bspline, mass, quadrature, rotations, spectrum
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import contact
 from dlo_sim.engine.arrays import MOTION_SIZE, CableArrays
+from dlo_sim.engine.arrays import Contact as ContactArrays
 from dlo_sim.engine.grasps import DURATION, FRAME, POSITION, START, TURN
 from dlo_sim.scene.description import EARTH, Obstacle, Scene
 from dlo_sim.scene.needs import inextensible
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.meshes import field_of
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -45,7 +47,8 @@ class Core(NamedTuple):
     """What an obstacle is before it is grown by `reach` [m].
 
     Attributes:
-        half: half its size by axis [m]; of a tube the radius, 0, and half the length.
+        half: half its size by axis [m]; of a tube the radius, 0, and half the length; of a mesh
+            half that of a box about its origin that contains it.
     """
 
     kind: int
@@ -65,14 +68,19 @@ def core_of(obstacle: Obstacle, radius: float) -> Core:
     if obstacle.shape in ("ring", "channel"):
         length = z - y if obstacle.shape == "channel" else 0.0
         return Core(contact.TUBE, (x + y, 0.0, length), y + radius)
+    if obstacle.shape == "mesh":
+        a, b, c = np.abs(field_of(obstacle, radius).triangles).max(axis=(0, 1)).tolist()
+        return Core(contact.MESH, (a, b, c), radius)
     length = max(z - x, 0.0) if obstacle.shape == "capsule" else 0.0
     return Core(contact.BOX, (0.0, 0.0, length), x + radius)
 
 
 def surface(obstacle: Obstacle) -> Array:
-    """Triangles [m] that show a ring or channel, in its frame, shape (k, 3, 3); counter-clockwise
-    seen from outside.
+    """Triangles [m] that show a mesh, ring or channel, in its frame, shape (k, 3, 3);
+    counter-clockwise seen from outside, of a mesh as in its file.
     """
+    if obstacle.shape == "mesh":
+        return field_of(obstacle, 0.0).triangles
     _, (radius, _, straight), _ = core_of(obstacle, 0.0)
     around = 2.0 * math.pi / AROUND * np.arange(AROUND)
     upper = math.pi / (ACROSS // 2 - 1) * np.arange(ACROSS // 2)
@@ -95,6 +103,8 @@ def gaps(obstacle: Obstacle, diameter: float, points: Array) -> Array:
     y = (points - np.array(obstacle.position)) @ turn
     if kind == contact.HALF_SPACE:
         return np.asarray(y[..., 2] - reach)
+    if kind == contact.MESH:
+        return field_of(obstacle, reach).distance(y) - reach
     over = np.abs(y) - np.array(half)
     if kind in (contact.CYLINDER, contact.TUBE):
         radial = np.hypot(y[..., 0], y[..., 1]) - half[0]
@@ -342,8 +352,26 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
         flat = core.kind == contact.HALF_SPACE
         group.core[k], group.half[k], group.reach[k] = core
         group.rule[k], group.law[k] = int(not flat), law(scene, obstacle)
+        if core.kind == contact.MESH:
+            _fill_field(obstacle, radius, group, k)
         # The cable is never further from what it touches.
         group.extent[k] = 2.0 * scene.cable.length if flat else np.linalg.norm(core.half)
+
+
+def _fill_field(obstacle: Obstacle, radius: float, group: ContactArrays, number: int) -> None:
+    """Write the field of a mesh behind those of the obstacles before it."""
+    field = field_of(obstacle, radius)
+    first = int(sum(math.prod(shape[:3]) for shape in group.field_shape[:number].tolist()))
+    group.field[number] = field.numbers
+    group.field_shape[number] = [*field.values.shape, first]
+    group.field_values[first : first + field.values.size] = field.coefficients.ravel()
+
+
+def field_values(scene: Scene) -> int:
+    """How many numbers the fields of all meshes have."""
+    radius = 0.5 * scene.cable.diameter
+    meshes = [obstacle for obstacle in scene.bodies if obstacle.shape == "mesh"]
+    return sum(field_of(obstacle, radius).values.size for obstacle in meshes)
 
 
 def largest_frequency(model: Model) -> float:

@@ -758,7 +758,7 @@ class Simulator:
         return obstacles.contact_with(self.cable, number, body, pose, tension)
 
     def surface(self, name: str) -> Array:
-        """Triangles [m] that show an obstacle that is a ring or a channel, in its frame, shape
+        """Triangles [m] that show an obstacle that is a mesh, ring or channel, in its frame, shape
         (k, 3, 3).
 
         Raises:

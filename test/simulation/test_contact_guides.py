@@ -58,10 +58,16 @@ def test_a_ring_is_a_capstan():
     found = contact.capstan(0.5 * math.pi, 43, ring)
     assert abs(found.answers[0].error) < 0.01
     assert found.simulator.energy_error < 1e-4
-    touched = found.simulator.contact("drum")
-    assert len(touched.passes) == 1
-    assert touched.u.min() < touched.passes[0] < touched.u.max()
-    assert touched.tensions[0] / touched.tensions[1] == pytest.approx(1.602, rel=0.02)
+    sim, pulls = found.simulator, []
+    for _ in range(20):
+        assert sim.advance(0.01).status.ok
+        touched = sim.contact("drum")
+        assert len(touched.passes) == 1
+        assert touched.u.min() < touched.passes[0] < touched.u.max()
+        pulls.append(touched.tensions)
+    before, behind = np.mean(pulls, axis=0)
+    assert behind == pytest.approx(1.0, rel=0.01)
+    assert before / behind == pytest.approx(1.602, rel=0.01)
 
 
 def test_a_ring_that_moves_does_the_work():

@@ -1,0 +1,206 @@
+"""Triangle meshes as obstacles: reading STL files, checks, and fields of signed distances.
+
+STL is read here, in the few lines that it needs: it is what CAD systems and robot descriptions
+offer for collision shapes, and a library would be one more thing to install for it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.engine import distance_field
+from dlo_sim.scene.description import Obstacle
+from dlo_sim.scene.loading import SceneError
+
+Array = NDArray[np.float64]
+_HEADER = 84  # bytes of a binary STL before its triangles
+_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+IN_MEMORY = "triangles:"  # begin of the name of a mesh that is no file
+MOST_TRIANGLES = 1_000_000
+SAME = 1e-6  # share of the extent below which two corners are one
+BORDER = 4  # cells of the grid around a mesh, beside the radius of the cable
+_kept: dict[str, Array] = {}
+
+
+class Field(NamedTuple):
+    """Signed distances from a mesh on a grid.
+
+    Attributes:
+        triangles: [m], shape (k, 3, 3). values: at the grid points [m], shape (nx, ny, nz).
+        numbers: `distance_field.ORIGIN` to HIGH.
+    """
+
+    triangles: Array
+    values: Array
+    numbers: Array
+
+    @property
+    def coefficients(self) -> Array:
+        """Of the tricubic B-spline through the values, which ends linearly."""
+        c = self.values
+        for axis, n in enumerate(c.shape):
+            through = np.diag(np.full(n, 2.0 / 3.0))
+            through += (np.eye(n, k=1) + np.eye(n, k=-1)) / 6.0
+            through[[0, -1]] = np.eye(n)[[0, -1]]
+            c = np.moveaxis(np.tensordot(np.linalg.inv(through), c, (1, axis)), 0, axis)
+        return np.ascontiguousarray(c)
+
+    def distance(self, points: Array) -> Array:
+        """Signed distances [m] of points (..., 3): between grid points linear, outside of the grid
+        that from the box around the mesh.
+        """
+        n = self.numbers
+        place = (points - n[:3]) * n[distance_field.FINENESS]
+        most = np.array(self.values.shape) - 2.0
+        inside = np.all((place >= 1.0) & (place < most), axis=-1)
+        place = np.clip(place, 0.0, most)
+        first = place.astype(int)
+        share = place - first
+        found = np.zeros(points.shape[:-1])
+        for corner in np.ndindex(2, 2, 2):
+            weight = np.prod(np.where(corner, share, 1.0 - share), axis=-1)
+            found += weight * self.values[tuple(np.moveaxis(first + corner, -1, 0))]
+        low, high = n[distance_field.LOW :][:3], n[distance_field.HIGH :][:3]
+        box = np.linalg.norm(points - np.clip(points, low, high), axis=-1)
+        return np.where(inside, found, box)
+
+
+def keep_triangles(triangles: Array) -> str:
+    """Keep a mesh for `obstacles.<name>.mesh` in this process; returns the value of that key.
+
+    Args:
+        triangles: corners [m], shape (k, 3, 3), closed, in any order and orientation.
+
+    Raises:
+        ValueError: not triangles, or not closed, in one line.
+    """
+    given = np.asarray(triangles, dtype=float)
+    if given.ndim != 3 or given.shape[1:] != (3, 3):
+        raise ValueError(f"triangles: need shape (k, 3, 3), got {given.shape}")
+    problem = problem_of(given)
+    if problem:
+        raise ValueError(f"triangles: {problem}")
+    name = IN_MEMORY + hashlib.sha256(np.ascontiguousarray(given).tobytes()).hexdigest()[:16]
+    _kept[name] = given
+    return name
+
+
+def field_of(obstacle: Obstacle, radius: float) -> Field:
+    """The field of a mesh that a cable of this radius [m] touches.
+
+    Raises:
+        SceneError: no file, not STL, or not a closed mesh.
+    """
+    key = f"obstacles.{obstacle.name}.mesh"
+    try:
+        triangles = _kept[obstacle.mesh] if obstacle.mesh in _kept else _read(obstacle.mesh)
+    except OSError as error:
+        where = error.filename or obstacle.mesh
+        raise SceneError(
+            f"{key}: {where} cannot be read ({error.strerror or error}); check the path, which is "
+            "relative to the scene's file"
+        ) from None
+    except ValueError as error:
+        raise SceneError(f"{key}: {obstacle.mesh}: {error}") from None
+    return _made(triangles.tobytes(), obstacle.mesh_scale, obstacle.mesh_cells, radius)
+
+
+def _read(name: str) -> Array:
+    """Triangles of a mesh file."""
+    if name.startswith(IN_MEMORY):
+        raise ValueError("these triangles are of another process; give them here again, or a file")
+    path = found_path(name)
+    stamp = path.stat()
+    return _file(path, stamp.st_mtime_ns, stamp.st_size)
+
+
+@lru_cache(maxsize=64)
+def _file(path: Path, changed: int, size: int) -> Array:
+    """Triangles of a file as it was when it was changed."""
+    triangles = parse_stl(path.read_bytes())
+    problem = problem_of(triangles)
+    if problem:
+        raise ValueError(problem)
+    return triangles
+
+
+def found_path(name: str) -> Path:
+    """A file, also as package://PACKAGE/PATH in the installed packages of AMENT_PREFIX_PATH."""
+    if not name.startswith("package://"):
+        return Path(name).expanduser()
+    package, _, inside = name.removeprefix("package://").partition("/")
+    prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if p]
+    for prefix in prefixes:
+        if (prefix / "share" / package).is_dir():
+            return prefix / "share" / package / inside
+    raise ValueError("this package is not installed, or its workspace is not sourced")
+
+
+def parse_stl(content: bytes) -> Array:
+    """Triangles of a binary or ASCII STL file, shape (k, 3, 3).
+
+    Raises:
+        ValueError: it is neither, in one line.
+    """
+    count = int.from_bytes(content[80:_HEADER], "little")
+    if len(content) >= _HEADER and len(content) == _HEADER + count * _RECORD.itemsize:
+        if count > MOST_TRIANGLES:
+            raise ValueError(f"has {count} triangles; reduce it to {MOST_TRIANGLES} or fewer")
+        records = np.frombuffer(content, _RECORD, count, _HEADER)
+        return records["corners"].astype(float)
+    words = content.split()
+    if not words or words[0].lower() != b"solid":
+        raise ValueError("is no STL file, or one that was cut off; export it as binary STL")
+    try:
+        at = np.array([k for k, word in enumerate(words) if word == b"vertex"], dtype=int)
+        corners = [[float(words[k + 1 + axis]) for axis in range(3)] for k in at]
+        return np.array(corners).reshape(-1, 3, 3)
+    except (ValueError, IndexError):
+        raise ValueError("has a vertex that is not three numbers; export it again") from None
+
+
+def problem_of(triangles: Array) -> str:
+    """Why triangles are no closed mesh, with the cure, or an empty line."""
+    if not len(triangles):
+        return "has no triangles; export the body again"
+    if not np.isfinite(triangles).all():
+        return "has a corner that is not finite; export the body again"
+    points = triangles.reshape(-1, 3)
+    extent = float(np.ptp(points, axis=0).max())
+    if extent <= 0.0:
+        return "has no extent; export the body again"
+    _, number = np.unique(np.round(points / (SAME * extent)), axis=0, return_inverse=True)
+    ends = number.reshape(-1, 3)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    edges, uses = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
+    open_ = (uses % 2 == 1) & (edges[:, 0] != edges[:, 1])
+    if open_.any():
+        return (
+            f"is not closed: {int(open_.sum())} of {len(edges)} edges have triangles on one side "
+            "only; close its holes in the program that made it, or take its convex hull"
+        )
+    if float(np.ptp(points, axis=0).min()) < SAME * extent:
+        return "is flat; a sheet needs a thickness"
+    return ""
+
+
+@lru_cache(maxsize=16)
+def _made(triangles: bytes, scale: float, cells: int, radius: float) -> Field:
+    """The field of triangles, with this number of cells along the longest side."""
+    corners = np.frombuffer(triangles).reshape(-1, 3, 3) * scale
+    points = corners.reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = float((high - low).max()) / cells
+    border = BORDER + int(np.ceil(radius / size))
+    shape = np.ceil((high - low) / size).astype(int) + 1 + 2 * border
+    origin = 0.5 * (low + high) - 0.5 * size * (shape - 1)
+    numbers = np.concatenate([origin, [1.0 / size], low, high])
+    values, *spare = (np.zeros(shape) for _ in range(3))
+    distance_field.make_field(np.ascontiguousarray(corners.reshape(-1, 9)), numbers, values, *spare)
+    return Field(corners, values, numbers)

@@ -1,0 +1,173 @@
+"""Triangle meshes as obstacles."""
+
+import math
+
+import numpy as np
+import pytest
+import solids
+from cables import simulator
+
+from dlo_sim.core import rotations
+from dlo_sim.scene.description import Obstacle
+from dlo_sim.scene.loading import SceneError, load_scene
+from dlo_sim.simulation import meshes
+from dlo_sim.studies import contact
+
+RADIUS = 0.005
+LYING = {
+    "cable.length": 0.2,
+    "cable.diameter": 2.0 * RADIUS,
+    "cable.density": 1200.0,
+    "cable.youngs_modulus": 1e7,
+    "integrator.tolerance": 1e-12,
+    "damping.mass": 5.0,
+    "damping.stiffness": 0.01,
+    "start.fixed": [False] * 3,
+    "start.position": [-0.1, 0.0, RADIUS],
+    "end.position": [0.1, 0.0, RADIUS],
+    "obstacles.names": ["body"],
+    "obstacles.body.shape": "mesh",
+    "contact.stiffness": 1e5,
+    "discretization.control_points": 9,
+}
+
+
+def lying(triangles, *values, cells=48):
+    mesh = {"obstacles.body.mesh": meshes.keep_triangles(triangles)}
+    mesh["obstacles.body.mesh_cells"] = cells
+    return simulator(LYING, mesh, *values, method="energy_momentum", step=5e-3)
+
+
+def test_a_cable_rests_on_a_meshed_box_as_on_a_box():
+    """And overhangs its rounded edges."""
+    place = {"obstacles.body.position": [0.0, 0.0, -0.03]}
+    exact = {"obstacles.body.shape": "box", "obstacles.body.size": [0.14, 0.1, 0.06]}
+    found = []
+    for sim in (
+        lying(solids.box(0.14, 0.1, 0.06), place),
+        lying(solids.sphere(1.0, 3), place, exact),
+    ):
+        sim.advance(2.0)
+        assert sim.energy().kinetic < 1e-9
+        weight = sim.scene.cable.mu * 0.2 * 9.81
+        np.testing.assert_allclose(
+            sim.contact("body").force, [0.0, 0.0, weight], atol=1e-3 * weight
+        )
+        found.append(sim.centerline(np.linspace(0.05, 0.15, 21))[:, 2])
+        assert sim.energy_error < 1e-9
+    np.testing.assert_allclose(found[0], found[1], atol=0.002 * RADIUS)
+
+
+def test_a_meshed_drum_is_a_capstan():
+    mesh = meshes.keep_triangles(1e3 * solids.cylinder(0.1, 0.06, 128))
+    drum = {
+        "obstacles.drum.shape": "mesh",
+        "obstacles.drum.mesh": mesh,
+        "obstacles.drum.mesh_scale": 1e-3,
+        "terms.out_of_plane": "auto",
+        "terms.twist": "off",
+    }
+    (answer,) = contact.capstan(0.5 * math.pi, 43, drum).answers
+    assert abs(answer.error) < 0.01
+
+
+def test_the_field_is_the_distance_from_the_solid():
+    """Inside and outside, and no more than it beyond the grid."""
+    triangles = solids.sphere(0.1, 40)
+    sim = lying(triangles, {"obstacles.body.position": [0.0, 0.0, -0.2]})
+    field = meshes.field_of(sim.scene.obstacles[0], RADIUS)
+    points = np.random.default_rng(3).uniform(-0.12, 0.12, (500, 3))
+    exact = np.linalg.norm(points, axis=1) - 0.1
+    found = field.distance(points)
+    near = np.abs(exact) < 0.02
+    np.testing.assert_allclose(found[near], exact[near], atol=1e-3)
+    assert (np.sign(found) == np.sign(exact))[np.abs(exact) > 1e-3].all()
+    away = field.distance(3.0 * points) - (np.linalg.norm(3.0 * points, axis=1) - 0.1)
+    assert away.max() < 1e-3
+
+
+@pytest.mark.parametrize("write", [solids.binary_stl, solids.ascii_stl])
+def test_a_file_beside_the_scene_is_read(tmp_path, write):
+    (tmp_path / "body.stl").write_bytes(write(solids.box(0.2, 0.2, 0.2)))
+    (tmp_path / "scene.yaml").write_text(
+        "/**:\n  ros__parameters:\n    obstacles:\n      names: [body]\n      body:\n"
+        "        shape: mesh\n        mesh: body.stl\n        position: [0.0, 0.0, -1.0]\n"
+    )
+    scene = load_scene(tmp_path / "scene.yaml")
+    triangles = meshes.field_of(scene.obstacles[0], 0.0).triangles
+    np.testing.assert_allclose(
+        np.sort(triangles, axis=None), np.sort(solids.box(0.2, 0.2, 0.2), axis=None), rtol=1e-7
+    )
+
+
+def test_a_mesh_of_a_package_is_found(tmp_path, monkeypatch):
+    folder = tmp_path / "share" / "robot" / "meshes"
+    folder.mkdir(parents=True)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/none:{tmp_path}")
+    assert meshes.found_path("package://robot/meshes/a.stl") == folder / "a.stl"
+    with pytest.raises(ValueError, match="not installed, or its workspace is not sourced"):
+        meshes.found_path("package://other/a.stl")
+
+
+OPEN = solids.box(0.1, 0.1, 0.1)[1:]
+BAD = np.where(np.arange(16)[:, None, None] == 3, np.nan, solids.box(0.1, 0.1, 0.1))
+BINARY = solids.binary_stl(OPEN)
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (None, "cannot be read .No such file.*; check the path, which is relative to the scene's"),
+        (b"", "is no STL file, or one that was cut off"),
+        (BINARY[:-7], "is no STL file, or one that was cut off"),
+        (bytes(84), "has no triangles"),
+        (BINARY, "is not closed: 3 of 24 edges .*; close its holes"),
+        (solids.binary_stl(BAD), "has a corner that is not finite"),
+        (solids.ascii_stl(BAD), "has a corner that is not finite"),
+        (solids.binary_stl(0.0 * OPEN), "has no extent"),
+        (solids.binary_stl(solids.box(0.1, 0.1, 0.1) * [1, 1, 0]), "is flat; a sheet needs a"),
+        (b"solid a\nvertex 1 2 x", "has a vertex that is not three numbers"),
+    ],
+)
+def test_a_mesh_that_is_no_solid_is_refused(tmp_path, content, problem):
+    path = tmp_path / "body.stl"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(SceneError, match=f"obstacles.body.mesh: .*body.stl:? .*{problem}") as error:
+        simulator(LYING, {"obstacles.body.mesh": str(path)}, method="energy_momentum", step=5e-3)
+    assert "\n" not in str(error.value)
+
+
+def test_meshes_without_a_file_are_refused():
+    with pytest.raises(SceneError, match="obstacles.body.mesh: '' is no file"):
+        simulator(LYING)
+    with pytest.raises(SceneError, match="these triangles are of another process"):
+        simulator(LYING, {"obstacles.body.mesh": "triangles:0"})
+    with pytest.raises(ValueError, match=r"triangles: need shape \(k, 3, 3\), got \(2, 3\)"):
+        meshes.keep_triangles(np.zeros((2, 3)))
+    with pytest.raises(ValueError, match="triangles: is not closed"):
+        meshes.keep_triangles(OPEN)
+
+
+def test_a_cable_that_begins_in_a_mesh_is_refused():
+    with pytest.raises(SceneError, match="body.position: the cable begins 0.0.* m inside it"):
+        lying(solids.sphere(0.1, 12))
+    turned = rotations.from_rotation_vector(np.array([0.0, 0.0, 1.0])).tolist()
+    lying(
+        solids.box(0.1, 0.1, 0.1),
+        {"obstacles.body.position": [0.0, 0.0, -0.05], "obstacles.body.orientation": turned},
+    )
+
+
+def test_a_mesh_is_added_and_removed_while_the_cable_runs():
+    alone = {key: value for key, value in LYING.items() if not key.startswith("obstacles")}
+    sim = simulator(alone, method="energy_momentum", step=5e-3)
+    mesh = meshes.keep_triangles(solids.box(0.3, 0.1, 0.1))
+    table = Obstacle("table", shape="mesh", mesh=mesh, position=(0.0, 0.0, -0.06), mesh_cells=24)
+    sim.add_obstacles([table])
+    sim.advance(1.0)
+    weight = sim.scene.cable.mu * 0.2 * 9.81
+    assert sim.contact("table").force[2] == pytest.approx(weight, rel=1e-2)
+    sim.remove_obstacles(["table"])
+    sim.advance(0.1)
+    assert sim.centerline([0.1])[0, 2] < -0.02
