@@ -34,7 +34,7 @@ DAMPED = 256  # linear damping and stiffness damping
 BISHOP = 512  # twist relative to the Bishop frame
 CONTACT = 1024
 MATERIAL = 2048  # natural curvature, and rest twist, in the material frame
-DRAG = 4096  # anisotropic air drag
+DRAG = 4096  # of water, and of air where it depends on the direction
 STATIC_TWIST = 8192  # twist without inertia, in equilibrium at the end of each step
 THINNED = 16384  # rate-thinning viscosity of bending
 GUARDED = 32768  # spans are kept from turning over (`engine.span_guard`)
@@ -42,6 +42,20 @@ BORDERED = 1 << 16  # a place between control points may be held (`engine.band`)
 LOADED = 1 << 17  # wrenches may act
 SPRUNG = 1 << 18  # springs may hold the cable
 MESHED = 1 << 24  # obstacles may be triangle meshes
+
+# Of the terms that `scene.description.TERMS` and `scene.needs` know by a name.
+BITS = {
+    "bend": BEND,
+    "twist": TWISTED,
+    "frenet": TORSION,
+    "bishop": BISHOP,
+    "quasistatic": STATIC_TWIST,
+    "plasticity": PLASTICITY,
+    "contact": CONTACT,
+    "gravity": GRAVITY,
+    "loads": LOADED,
+    "damping": DAMPED,
+}
 
 # Bits of the families of methods, beside those of the terms.
 SPLITTING, RUNGE_KUTTA, ZHAI = 1 << 19, 1 << 20, 1 << 21

@@ -11,8 +11,8 @@ the latter yields the key, its value and the problem with the cure; the first on
 
 import math
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -619,10 +619,6 @@ class Initial:
     shape: str = parameter("auto", choices=("auto", "straight", "equilibrium"))
 
 
-IMPLICIT_METHODS = ("auto", "implicit_midpoint", "energy_momentum", "energy_momentum_4")
-"""Values of integrator.method with which steps may be implicit."""
-
-
 @dataclass(frozen=True)
 class Integrator:
     """Time integration: method, step, and the reaction to a failure.
@@ -838,15 +834,6 @@ class Scene:
         return self.water.density * math.pi * self.cable.diameter**2 / 4.0
 
     @property
-    def implicit_drag(self) -> str:
-        """Key and value of drag that only implicit methods know, since it is not isotropic and
-        linear in the velocity; empty if there is none.
-        """
-        if self.drag_across:
-            return f"damping.air_drag_ratio: {self.damping.air_drag_ratio:g}"
-        return f"water.density: {self.water.density:g}" if any(self.water_drag) else ""
-
-    @property
     def decay_rates(self) -> tuple[float, float]:
         """Rates [1/s] at which external damping lets the momenta of centreline and twist decay:
         alpha + c / mu with the air drag c along the cable, and alpha; 0 without damping.
@@ -878,6 +865,12 @@ class Scene:
     def friction_of(self, obstacle: Obstacle) -> float:
         """Coefficient of friction of the cable on an obstacle."""
         return self.contact.friction if obstacle.friction < 0.0 else obstacle.friction
+
+    @property
+    def rubbing(self) -> Names:
+        """Names of the obstacles that rub on the cable."""
+        touched = self.bodies if self.touches else ()
+        return tuple(one.name for one in touched if self.friction_of(one) > 0.0)
 
     @property
     def ends(self) -> dict[str, End]:
@@ -913,6 +906,32 @@ class Scene:
     def bodies(self) -> tuple[Obstacle, ...]:
         """All obstacles, those of the scene first."""
         return (*self.obstacles, *self.added)
+
+    @property
+    def is_plastic(self) -> bool:
+        """Whether bending can be plastic."""
+        switch, yields = self.terms.plasticity, self.plasticity.yield_curvature > 0.0
+        return switch == "on" or (switch == "auto" and yields)
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether poses move a gripper that holds the cable."""
+        return any(holder.driven and holder.held for holder in self.holders.values())
+
+    @property
+    def is_rolled(self) -> bool:
+        """Whether the roll is held by anything other than a clamp at an end: a spring, whose
+        stiffness limits explicit steps.
+        """
+        springs = any(holder.roll_spring for holder in self.holders.values())
+        return springs or any(grasp.roll for grasp in self.grasps)
+
+    @property
+    def may_twist(self) -> bool:
+        """Whether anything can twist the cable: a moving clamp, a moment, or a held roll."""
+        turned = any(end.clamped and end.driven for end in self.ends.values())
+        moments = any(load.type == "wrench" for load in self.loads)
+        return turned or moments or self.is_rolled
 
     @property
     def touches(self) -> bool:
@@ -965,6 +984,257 @@ class Scene:
         if self.cable.shaped or self.plasticity.yield_curvature:
             return "is not known of a cable that is bent at rest or plastic"
         return ""
+
+
+# -- terms of the model and methods that know them ------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Term:
+    """A term of the model: when a scene has it, and what it gives to the engine.
+
+    Attributes:
+        name: as in `left_out`; also of its switch in `terms`, and of its bit in
+            `engine.arrays.BITS`, where it has one.
+        needed: whether a scene needs it, `terms.twist` apart (`needs`).
+        absent: why a scene lacks it that does not need it.
+        loss: what a scene loses in which it is needed but switched off.
+        forces: forces that it exerts, or velocities that it imposes, in the world; the cable stays
+            in a plane only if all are in it.
+        numbers: what `engine.arrays.Physics` holds for it, by name; vectors are in the world.
+        faint: values that put it into a scene without visible effect, for `dlo_sim study omission`,
+            where those are all it takes.
+    """
+
+    name: str
+    needed: Callable[[Scene], bool]
+    absent: str
+    loss: Callable[[Scene], str] = lambda scene: ""
+    forces: Callable[[Scene], Sequence[Vector]] = lambda scene: ()
+    numbers: Callable[[Scene], dict[str, float | Vector]] = lambda scene: {}
+    faint: Mapping[str, object] = field(default_factory=dict)
+
+
+TERMS = (
+    Term(
+        "stretch",
+        needed=lambda scene: scene.cable.EA > 0.0,
+        absent="axial stiffness is 0",
+        loss=lambda scene: f"nothing resists stretching, although EA is {scene.cable.EA:.3g} N",
+        numbers=lambda scene: {"axial_round_off": scene.cable.EA * scene.cable.length},
+    ),
+    Term(
+        "bend",
+        needed=lambda scene: scene.cable.EI > 0.0,
+        absent="bending stiffness is 0",
+        loss=lambda scene: f"nothing resists bending, although EI is {scene.cable.EI:.3g} N m^2",
+        numbers=lambda scene: {"bending_round_off": scene.cable.EI * scene.cable.length},
+    ),
+    Term(
+        "twist",
+        needed=lambda scene: scene.may_twist,
+        absent="nothing twists the cable",
+        loss=lambda scene: (
+            "nothing turns the cable about its own axis, although a gripper or a moment does"
+        ),
+        numbers=lambda scene: {
+            "GJ": scene.cable.GJ,
+            "torsion_floor": scene.curvature_floor**2,
+        },
+    ),
+    Term(
+        "plasticity",
+        needed=lambda scene: scene.plasticity.yield_curvature > 0.0,
+        absent="no yield curvature",
+        loss=lambda scene: (
+            "bending leaves no set, although plasticity.yield_curvature is "
+            f"{scene.plasticity.yield_curvature:g} 1/m"
+        ),
+        numbers=lambda scene: {
+            "yield_moment": scene.cable.EI * scene.plasticity.yield_curvature,
+            # H = EI h / (1 - h) gives the tangent stiffness h EI.
+            "hardening": scene.plasticity.hardening / (1.0 - scene.plasticity.hardening),
+        },
+    ),
+    Term(
+        "contact",
+        needed=lambda scene: bool(scene.bodies),
+        absent="no obstacles",
+        loss=lambda scene: "the cable goes through its obstacles",
+    ),
+    Term(
+        "gravity",
+        needed=lambda scene: any(scene.gravity),
+        absent="gravity is 0",
+        loss=lambda scene: (
+            f"the cable has no weight, although gravity is {list(scene.gravity)} m/s^2"
+        ),
+        forces=lambda scene: (scene.gravity,),
+    ),
+    Term(
+        "springs",
+        needed=lambda scene: any(
+            any(one.spring) or one.tangent_spring for one in scene.holders.values()
+        ),
+        absent="no end hangs on a spring",
+    ),
+    Term("loads", needed=lambda scene: bool(scene.loads), absent="no loads"),
+    Term("drive", needed=lambda scene: scene.is_driven, absent="no gripper moves an end"),
+    Term(
+        "damping",
+        needed=lambda scene: (
+            any((*scene.damping.internal, scene.damping.mass, scene.damping.air_drag))
+            or scene.water.density > 0.0
+        ),
+        absent="no damping",
+        loss=lambda scene: "no motion dies away, although the scene has damping coefficients",
+        numbers=lambda scene: {
+            "beta_stretch": scene.damping.internal[0],
+            "beta_bend": scene.damping.internal[1],
+            "beta_twist": scene.damping.internal[2],
+            "thinning": scene.damping.thinning**2,
+            "drag_across": scene.drag_across,
+        },
+    ),
+    Term(
+        "water",
+        needed=lambda scene: scene.water.density > 0.0,
+        absent="no water",
+        forces=lambda scene: (scene.water.velocity,) if any(scene.water_drag) else (),
+        numbers=lambda scene: {
+            "water_across": scene.water_drag[0],
+            "water_along": scene.water_drag[1],
+            "water_current": scene.water.velocity,
+        },
+        faint={"water.density": 1e-9},
+    ),
+)
+
+# Names of methods (`core.methods`), the best first.
+EXPLICIT = ("velocity_verlet", "rk4", "forest_ruth", "zhai")
+IMPLICIT = ("energy_momentum", "implicit_midpoint", "energy_momentum_4")
+IMPLICIT_METHODS = ("auto", *IMPLICIT)  # values with which steps may be implicit
+FORWARD = ("energy_momentum", "implicit_midpoint")  # implicit, without negative sub-steps
+LOSSY = (*FORWARD, *EXPLICIT)
+SINGLE = (*FORWARD, "velocity_verlet", "rk4", "zhai", "rattle")
+
+
+@dataclass(frozen=True)
+class Restriction:
+    """Something that only some methods can step.
+
+    Attributes:
+        methods: the methods that can.
+        key, value: the parameter by which a scene asks for it; 0 or "" if it does not.
+        off: the value with which every method will do.
+        why: why other methods cannot, if that is not plain, to go on behind the value.
+    """
+
+    methods: Names
+    key: str
+    value: Callable[[Scene], float | str]
+    off: str = "0.0"
+    why: str = ""
+
+    def asked(self, scene: Scene) -> str:
+        """Key and value with which the scene asks for it."""
+        value = self.value(scene)
+        return f"{self.key} {value if isinstance(value, str) else f'{value:g}'}"
+
+    @property
+    def kind(self) -> str:
+        """What kind of method can."""
+        if self.methods == EXPLICIT:
+            return "an explicit method"
+        if set(self.methods) <= set(IMPLICIT):
+            return "an implicit method"
+        return f"one of {', '.join(self.methods)}"
+
+
+def _of_twist(model: str) -> Callable[[Scene], str]:
+    return lambda scene: model if scene.terms.twist == model else ""
+
+
+def _of_damping(
+    name: str, if_also: Callable[[Scene], float] = lambda scene: 1.0
+) -> Callable[[Scene], float]:
+    def value(scene: Scene) -> float:
+        present = scene.terms.damping != "off" and if_also(scene)
+        return float(getattr(scene.damping, name)) if present else 0.0
+
+    return value
+
+
+_GROWING = ", since its negative sub-steps make damping grow"
+_BOUNCING = ", since its steps cannot dissipate in contact"
+RESTRICTIONS = (
+    Restriction(EXPLICIT, "terms.twist", _of_twist("frenet"), off="auto"),
+    Restriction(IMPLICIT, "terms.twist", _of_twist("quasistatic"), off="bishop"),
+    *(
+        Restriction(FORWARD, f"damping.{name}", _of_damping(name))
+        for name in ("stiffness", "stretch", "bend", "twist")
+    ),
+    Restriction(
+        ("energy_momentum",),
+        "damping.thinning",
+        _of_damping("thinning", if_also=lambda scene: scene.damping.internal[1]),
+    ),
+    Restriction(
+        IMPLICIT,
+        "damping.air_drag_ratio",
+        lambda scene: f"{scene.damping.air_drag_ratio:g}" if scene.drag_across else "",
+        off="1.0",
+    ),
+    Restriction(
+        IMPLICIT,
+        "water.density",
+        lambda scene: scene.water.density if any(scene.water_drag) else 0.0,
+    ),
+    Restriction(
+        IMPLICIT,
+        "damping.air_drag",
+        _of_damping("air_drag", if_also=lambda scene: scene.start.mass or scene.end.mass),
+        why=" beside a point mass (start.mass, end.mass)",
+    ),
+    Restriction(SINGLE, "damping.mass", _of_damping("mass"), why=_GROWING),
+    Restriction(SINGLE, "damping.air_drag", _of_damping("air_drag"), why=_GROWING),
+    Restriction(
+        LOSSY,
+        "plasticity.yield_curvature",
+        lambda scene: scene.plasticity.yield_curvature if scene.is_plastic else 0.0,
+    ),
+    Restriction(
+        LOSSY,
+        "friction",
+        lambda scene: f"of obstacle {scene.rubbing[0]}" if scene.rubbing else "",
+        why=_BOUNCING,
+    ),
+    Restriction(
+        LOSSY,
+        "contact.damping",
+        lambda scene: max(scene.contact.damping, 0.0) if scene.touches else 0.0,
+        why=_BOUNCING,
+    ),
+    Restriction(
+        FORWARD,
+        "contact.markers",
+        lambda scene: scene.contact.markers,
+        off="0",
+        why=", since obstacles that come later may be stiffer than its steps allow",
+    ),
+    Restriction(
+        (*IMPLICIT, *EXPLICIT),
+        "measured.type",
+        lambda scene: "" if scene.measured.type == "none" else scene.measured.type,
+        off="none",
+        why=", since corrections break its constraints",
+    ),
+)
+
+
+def restrictions_of(scene: Scene) -> list[Restriction]:
+    """What of a scene only some methods can step."""
+    return [one for one in RESTRICTIONS if one.value(scene)]
 
 
 # -- scenes from values ---------------------------------------------------------------------------

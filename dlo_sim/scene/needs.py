@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.scene.description import IMPLICIT_METHODS, Scene
+from dlo_sim.scene.description import (
+    IMPLICIT_METHODS,
+    TERMS,
+    Scene,
+    Term,
+    restrictions_of,
+)
+from dlo_sim.scene.refusal import SceneError
 
 Vector = NDArray[np.float64]
 _SPACE = (0, 1, 2)
@@ -16,13 +23,12 @@ _SPACE = (0, 1, 2)
 
 @dataclass(frozen=True)
 class Needs:
-    """Which terms a scene's step contains.
+    """Which terms a scene's step contains; `"contact" in needs` asks for one.
 
     Attributes:
-        stretch, bend, twist, plasticity, contact, gravity, springs, loads, drive, damping: present
-            or not.
-        frenet, bishop: twist is relative to the Frenet torsion, or to the Bishop frame, where it
-            acts on the shape. quasistatic: it has no rotary inertia about the axis.
+        active: names of the terms, in the order of `description.TERMS`; beside `twist` stand
+            `frenet` or `bishop`, where it is relative to the Frenet torsion, or to the Bishop frame
+            and acts on the shape, and `quasistatic`, where it has no rotary inertia about the axis.
         axes: world axes of the motion: all three, or the two of a coordinate plane.
         twist_model: the model of twist, as in `terms.twist`, also of twist that comes later.
         left_out: name of each absent term -> reason.
@@ -30,47 +36,41 @@ class Needs:
             what is lost, the cure. Not part of comparisons.
     """
 
-    stretch: bool
-    bend: bool
-    twist: bool
-    frenet: bool
-    bishop: bool
-    quasistatic: bool
-    plasticity: bool
-    contact: bool
-    gravity: bool
-    springs: bool
-    loads: bool
-    drive: bool
-    damping: bool
+    active: tuple[str, ...]
     axes: tuple[int, ...]
     twist_model: str
     left_out: dict[str, str]
     warnings: tuple[str, ...] = field(default=(), compare=False)
 
+    def __contains__(self, term: str) -> bool:
+        return term in self.active
+
     def with_contact(self, present: bool) -> Needs:
         """These needs with obstacles that the cable touches, or without any."""
-        if present == self.contact:
+        if present == ("contact" in self):
             return self
-        needs = self._without("contact", contact=present)
-        return needs if present else replace(needs, left_out=needs.left_out | NO_OBSTACLES)
+        if present:
+            return self._with("contact")
+        active = tuple(name for name in self.active if name != "contact")
+        reasons = self.left_out | {"contact": _ROWS["contact"].absent}
+        return replace(self, active=active, left_out=reasons)
 
     def with_drive(self) -> Needs:
         """These needs with prescribed motion of ends or grasps."""
-        return self if self.drive else self._without("drive", drive=True)
+        return self._with("drive")
 
     def with_twist(self, scene: Scene) -> Needs:
         """These needs once something twists the cable; `terms.twist: off` stays and warns."""
-        if self.twist:
+        if "twist" in self:
             return self
         if scene.terms.twist == "off":
-            return self._with_warning(_lost(scene, self.axes)["twist"])
-        needs = self._without("twist", **_twist(self.twist_model))
-        return needs.spatial(scene) if needs.bishop else needs
+            return self._with_warning(_warning(_ROWS["twist"], scene))
+        needs = self._with("twist", *_VARIANTS.get(self.twist_model, ()))
+        return needs.spatial(scene) if "bishop" in needs else needs
 
     def stepped(self, implicit: bool) -> Needs:
         """These needs, in which twist that comes later is of a model that the chosen method has."""
-        later = not self.twist and self.twist_model == "quasistatic" and not implicit
+        later = "twist" not in self and self.twist_model == "quasistatic" and not implicit
         return replace(self, twist_model="bishop") if later else self
 
     def spatial(self, scene: Scene) -> Needs:
@@ -80,111 +80,121 @@ class Needs:
         if len(self.axes) == 3:
             return self
         if scene.terms.out_of_plane == "off":
-            return self._with_warning(_lost(scene, self.axes)["out_of_plane"])
-        needs = self._without("out_of_plane", axes=_SPACE)
+            return self._with_warning(_warning_of_plane(self.axes))
+        needs = self._with("out_of_plane", axes=_SPACE)
         twists = scene.terms.twist == "auto" and twists_in_space(scene)
         return needs.with_twist(scene) if twists else needs
 
-    def _without(self, reason: str, **changes: Any) -> Needs:
-        reasons = {key: why for key, why in self.left_out.items() if key != reason}
-        return replace(self, left_out=reasons, **changes)
+    def _with(self, *names: str, **changes: Any) -> Needs:
+        """These needs with more terms, or with a reason less to leave one out."""
+        reasons = {key: why for key, why in self.left_out.items() if key not in names}
+        return replace(self, active=_ordered({*self.active, *names}), left_out=reasons, **changes)
 
     def _with_warning(self, line: str) -> Needs:
         known = line in self.warnings
         return self if known else replace(self, warnings=(*self.warnings, line))
 
-    @property
-    def active(self) -> tuple[str, ...]:
-        """Names of the terms that are present."""
-        return tuple(name for name in TERMS if getattr(self, name))
+
+# Twist has variants, which are terms, too: by the model of twist.
+_VARIANTS = {
+    "frenet": ("frenet",),
+    "bishop": ("bishop",),
+    "quasistatic": ("bishop", "quasistatic"),
+}
+_ROWS = {term.name: term for term in TERMS}
+_AT = list(_ROWS).index("twist") + 1
+NAMES = (*[*_ROWS][:_AT], *_VARIANTS, *[*_ROWS][_AT:])
+"""Names of all terms, in the order in which they are reported."""
 
 
-NO_OBSTACLES = {"contact": "no obstacles"}
-TERMS = tuple(member.name for member in fields(Needs) if member.type == "bool")
+def _ordered(present: set[str]) -> tuple[str, ...]:
+    return tuple(name for name in NAMES if name in present)
 
 
 def needs_of(scene: Scene) -> Needs:
     """Decide for every term whether a scene needs it."""
     axes, leaves = _axes(scene)
     model = _twist_model(scene)
-    lost = _lost(scene, axes)
     reasons: dict[str, str] = {}
     warnings: list[str] = []
-
-    def decide(name: str, setting: str, needed: bool, reason: str) -> bool:
-        if setting == "off":
+    if len(axes) == 2 and scene.terms.out_of_plane == "off":
+        reasons["out_of_plane"] = "terms.out_of_plane is off"
+        warnings += [_warning_of_plane(axes)] * leaves
+    elif len(axes) == 2:
+        reasons["out_of_plane"] = f"everything lies in {_plane(axes)}"
+    present = set()
+    for term in TERMS:
+        name, setting = term.name, getattr(scene.terms, term.name, "auto")
+        needed = _twists(scene, axes, model) if name == "twist" else term.needed(scene)
+        if name == "stretch" and inextensible(scene):
+            how = "terms.stretch is off" if setting == "off" else "integrator.method: rattle"
+            reasons[name] = f"constraints keep the rest length ({how})"
+        elif setting == "off":
             reasons[name] = f"terms.{name} is off"
-            if needed:
-                warnings.append(lost[name])
-        elif setting == "auto" and not needed:
-            reasons[name] = reason
+            warnings += [_warning(term, scene)] * needed
+        elif not needed and (setting == "auto" or name == "contact"):
+            reasons[name] = term.absent
         else:
-            return True
-        return False
+            present |= {name, *(_VARIANTS.get(model, ()) if name == "twist" else ())}
+    return Needs(_ordered(present), axes, model, reasons, tuple(warnings))
 
-    terms = scene.terms
-    if terms.twist == "off":
-        # Warn now only for twist from the start; later twist warns in `Needs.with_twist`.
-        twisting = _twisted(scene, axes)
-    elif model == "on":
-        twisting = _may_twist(scene)
-    else:
-        twisting = len(axes) == 3 and (_has_moment(scene) or twists_in_space(scene))
-    if len(axes) == 2:
-        decide("out_of_plane", terms.out_of_plane, leaves, f"everything lies in {_plane(axes)}")
-    present = {
-        "stretch": decide("stretch", terms.stretch, scene.cable.EA > 0.0, "axial stiffness is 0"),
-        "bend": decide("bend", terms.bend, scene.cable.EI > 0.0, "bending stiffness is 0"),
-        "twist": decide("twist", terms.twist, twisting, "nothing twists the cable"),
-        "gravity": decide("gravity", terms.gravity, any(scene.gravity), "gravity is 0"),
-        "springs": decide("springs", "auto", _sprung(scene), "no end hangs on a spring"),
-        "loads": decide("loads", "auto", bool(scene.loads), "no loads"),
-        "drive": decide("drive", "auto", _driven(scene), "no gripper moves an end"),
-        "damping": decide("damping", terms.damping, _damped(scene), "no damping"),
-        "contact": decide("contact", terms.contact, bool(scene.bodies), NO_OBSTACLES["contact"])
-        and bool(scene.bodies),
-        "plasticity": decide("plasticity", terms.plasticity, _yields(scene), "no yield curvature"),
-    }
-    if inextensible(scene):
-        present["stretch"] = False
-        how = "terms.stretch is off" if terms.stretch == "off" else "integrator.method: rattle"
-        reasons["stretch"] = f"constraints keep the rest length ({how})"
-        warnings = [line for line in warnings if line != lost["stretch"]]
-    return Needs(
-        **(present | _twist(model if present["twist"] else "")),
-        axes=axes,
-        twist_model=model,
-        left_out=reasons,
-        warnings=tuple(warnings),
+
+def _warning(term: Term, scene: Scene) -> str:
+    """What a scene loses in which a term is needed but switched off: key, loss and cure."""
+    cure = "set it to auto"
+    if term.name == "stretch":
+        no_rattle = _without_constraint(scene)
+        if no_rattle:
+            cure += f" (rattle, which would keep the length, {no_rattle})"
+        else:
+            cure += ", or integrator.method to rattle, which keeps the length"
+    return f"terms.{term.name}: off, so {term.loss(scene)}; {cure}"
+
+
+def _warning_of_plane(axes: tuple[int, ...]) -> str:
+    return (
+        f"terms.out_of_plane: off, so the cable stays in {_plane(axes)}: forces and moments out of "
+        "it are dropped, and ends follow their poses' projections onto it; set it to auto"
     )
 
 
-def _lost(scene: Scene, axes: tuple[int, ...]) -> dict[str, str]:
-    """The warning for each term that is switched off but needed: key, loss and cure on one line."""
-    cable = scene.cable
-    no_rattle = _without_constraint(scene)
-    if no_rattle:
-        length = f"set it to auto (rattle, which would keep the length, {no_rattle})"
-    else:
-        length = "set it to auto, or integrator.method to rattle, which keeps the length"
-    return {
-        "stretch": f"terms.stretch: off, so nothing resists stretching, although EA is "
-        f"{cable.EA:.3g} N; {length}",
-        "bend": f"terms.bend: off, so nothing resists bending, although EI is {cable.EI:.3g} "
-        "N m^2; set it to auto",
-        "twist": "terms.twist: off, so nothing turns the cable about its own axis, although a "
-        "gripper or a moment does; set it to auto",
-        "gravity": f"terms.gravity: off, so the cable has no weight, although gravity is "
-        f"{list(scene.gravity)} m/s^2; set it to auto",
-        "contact": "terms.contact: off, so the cable goes through its obstacles; set it to auto",
-        "damping": "terms.damping: off, so no motion dies away, although the scene has damping "
-        "coefficients; set it to auto",
-        "plasticity": "terms.plasticity: off, so bending leaves no set, although "
-        f"plasticity.yield_curvature is {scene.plasticity.yield_curvature:g} 1/m; set it to auto",
-        "out_of_plane": f"terms.out_of_plane: off, so the cable stays in {_plane(axes)}: forces "
-        "and moments out of it are dropped, and ends follow their poses' projections onto it; set "
-        "it to auto",
-    }
+def check_terms(scene: Scene, needs: Needs) -> None:
+    """Refuse terms, and combinations of them, that have no meaning here.
+
+    Raises:
+        SceneError: naming the key and the cure.
+    """
+    if scene.terms.contact == "on" and not (scene.bodies or scene.contact.markers):
+        raise SceneError("terms.contact: 'on' needs obstacles; name one in obstacles.names")
+    if scene.terms.stretch == "on" and inextensible(scene):
+        raise SceneError(
+            "terms.stretch: 'on' contradicts integrator.method rattle, whose constraints keep the "
+            "length; set terms.stretch to auto or use another method"
+        )
+    if scene.terms.out_of_plane == "off" and len(needs.axes) == 3:
+        if "frenet" in needs or "plasticity" in needs:
+            raise SceneError(
+                "terms.out_of_plane: 'off' is not available with Frenet torsion or plasticity; set "
+                "it to auto"
+            )
+        raise SceneError(
+            "terms.out_of_plane: 'off' needs ends that lie, and point, in one coordinate plane; "
+            "move them or set it to auto"
+        )
+    if "plasticity" in needs and not scene.plasticity.yield_curvature:
+        raise SceneError(
+            "terms.plasticity: 'on' needs plasticity.yield_curvature above 0; give one or set "
+            "terms.plasticity off"
+        )
+    if "plasticity" in needs and "bend" not in needs:
+        raise SceneError(
+            "terms.plasticity: bends nothing, since terms.bend is off; set one of them"
+        )
+    if any(scene.cable.rest_twist) and "bishop" not in needs:
+        raise SceneError(
+            f"cable.rest_twist: {list(scene.cable.rest_twist)} needs the twist that acts on the "
+            "shape; set terms.twist to auto"
+        )
 
 
 def inextensible(scene: Scene) -> bool:
@@ -198,16 +208,9 @@ def inextensible(scene: Scene) -> bool:
 
 def _without_constraint(scene: Scene) -> str:
     """Why constraints cannot keep the length of a scene's cable; empty if they can."""
-    damping = scene.damping
-    if frenet_wanted(scene) or plasticity_wanted(scene):
-        return "knows neither Frenet torsion nor plasticity"
-    if scene.terms.damping != "off":
-        if any(damping.internal):
-            return "is not valid with damping.stiffness, stretch, bend or twist"
-        if scene.implicit_drag:
-            return f"is not valid with {scene.implicit_drag}"
-        if damping.air_drag and (scene.start.mass or scene.end.mass):
-            return "is not valid with damping.air_drag beside a point mass"
+    for one in restrictions_of(scene):
+        if "rattle" not in one.methods:
+            return f"is not valid with {one.asked(scene)}"
     return "cannot step a cable taut between fixed ends" if _taut(scene) else ""
 
 
@@ -239,14 +242,14 @@ def _twist_model(scene: Scene) -> str:
     return "bishop" if explicit else "quasistatic"
 
 
-def _twist(model: str) -> dict[str, bool]:
-    """The terms of a model of twist; none for an empty one."""
-    return {
-        "twist": bool(model),
-        "frenet": model == "frenet",
-        "bishop": model in ("bishop", "quasistatic"),
-        "quasistatic": model == "quasistatic",
-    }
+def _twists(scene: Scene, axes: tuple[int, ...], model: str) -> bool:
+    """Whether a scene needs twist from the start; later twist comes with `Needs.with_twist`."""
+    moment = any(any(load.torque) for load in scene.loads)
+    if scene.terms.twist == "off":  # in a plane a moment only bends the cable
+        return scene.is_rolled or (len(axes) == 3 and moment)
+    if model == "on":
+        return scene.may_twist
+    return len(axes) == 3 and (moment or twists_in_space(scene))
 
 
 def twists_in_space(scene: Scene) -> bool:
@@ -255,20 +258,9 @@ def twists_in_space(scene: Scene) -> bool:
     the twisting moment is zero everywhere, as nothing takes it up.
     """
     held = sum(holder.holds_roll for holder in scene.holders.values())
-    bent = scene.cable.shaped or plasticity_wanted(scene)
+    bent = scene.cable.shaped or scene.is_plastic
     sprung = any(holder.roll_spring for holder in scene.holders.values())
     return held > 1 or sprung or (held == 1 and bent) or any(scene.cable.rest_twist)
-
-
-def frenet_wanted(scene: Scene) -> bool:
-    """Whether twist is relative to the Frenet torsion."""
-    return scene.terms.twist == "frenet"
-
-
-def plasticity_wanted(scene: Scene) -> bool:
-    """Whether bending can be plastic."""
-    switch = scene.terms.plasticity
-    return switch == "on" or (switch == "auto" and _yields(scene))
 
 
 def needs_of_load(needs: Needs, scene: Scene, force: Vector | None, torque: Vector | None) -> Needs:
@@ -298,12 +290,12 @@ def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
     switch = scene.terms.out_of_plane
     # Frenet and Bishop frames, and plasticity, are implemented in three dimensions only.
     framed = scene.terms.twist in ("frenet", "bishop", "quasistatic")
-    twisted = _rolled(scene) or any(scene.cable.rest_twist)
+    twisted = scene.is_rolled or any(scene.cable.rest_twist)
     rolled = scene.terms.twist == "auto" and switch != "off" and twisted
-    in_space = switch == "on" or framed or rolled or plasticity_wanted(scene)
+    in_space = switch == "on" or framed or rolled or scene.is_plastic
     free_to_leave = (
         any(load.signal == "none" for load in scene.loads)
-        or _driven(scene)
+        or scene.is_driven
         or any(obstacle.driven for obstacle in scene.obstacles)
         or scene.contact.markers > 0
         or not (scene.start.held or scene.end.held)
@@ -334,8 +326,8 @@ def _ends_leave(scene: Scene, normal: int) -> bool:
 
 
 def _forces_leave(scene: Scene, normal: int) -> bool:
-    """Whether weight, loads, obstacles or natural curvature act along axis `normal`."""
-    leaving = [scene.gravity[normal], scene.water.velocity[normal] * any(scene.water_drag)]
+    """Whether terms, loads, obstacles or natural curvature act along axis `normal`."""
+    leaving: list[float] = [force[normal] for term in TERMS for force in term.forces(scene)]
     around = [axis for axis in range(3) if axis != normal]
     place = scene.start.position[normal] + scene.start.offset[normal]
     leaving += [obstacle.pushes_along(normal, place) for obstacle in scene.bodies]
@@ -352,50 +344,6 @@ def _plane(axes: tuple[int, ...]) -> str:
     return f"the {''.join('xyz'[axis] for axis in axes)} plane"
 
 
-def _may_twist(scene: Scene) -> bool:
-    """Whether anything can twist the cable: a moving clamp, a moment, or a held roll."""
-    turned = any(end.clamped and end.driven for end in scene.ends.values())
-    moments = any(load.type == "wrench" for load in scene.loads)
-    return turned or moments or _rolled(scene)
-
-
-def _has_moment(scene: Scene) -> bool:
-    """Whether a load is a moment from the start."""
-    return any(any(load.torque) for load in scene.loads)
-
-
 def moments_may_come(scene: Scene) -> bool:
     """Whether a load may become a moment while the cable is simulated."""
     return any(load.type == "wrench" and load.signal == "none" for load in scene.loads)
-
-
-def _rolled(scene: Scene) -> bool:
-    """Whether the roll is held by anything other than a clamp at an end: a spring, whose stiffness
-    limits explicit steps.
-    """
-    springs = any(holder.roll_spring for holder in scene.holders.values())
-    return springs or any(grasp.roll for grasp in scene.grasps)
-
-
-def _twisted(scene: Scene, axes: tuple[int, ...]) -> bool:
-    """Whether a moment twists the cable from the start (in a plane it only bends it), or its roll
-    is held by `_rolled`.
-    """
-    return _rolled(scene) or (len(axes) == 3 and _has_moment(scene))
-
-
-def _sprung(scene: Scene) -> bool:
-    return any(any(one.spring) or one.tangent_spring for one in scene.holders.values())
-
-
-def _driven(scene: Scene) -> bool:
-    return any(holder.driven and holder.held for holder in scene.holders.values())
-
-
-def _damped(scene: Scene) -> bool:
-    by_rates = scene.damping.mass or any(scene.damping.internal) or scene.damping.air_drag
-    return bool(by_rates or scene.water.density)
-
-
-def _yields(scene: Scene) -> bool:
-    return scene.plasticity.yield_curvature > 0.0

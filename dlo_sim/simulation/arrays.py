@@ -10,7 +10,7 @@ from dlo_sim.core.bspline import DEGREE
 from dlo_sim.engine import arrays
 from dlo_sim.engine.arrays import MARGIN, PADDING
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.needs import inextensible, plasticity_wanted
+from dlo_sim.scene.needs import inextensible
 
 Array = NDArray[np.float64]
 
@@ -90,9 +90,9 @@ def most_sizes(scene: Scene, n: int, samples: int, touches: int) -> dict[str, in
     space, twist, every grasp, all loads, obstacles from markers. Memory of these sizes is allocated
     once, unless `Simulator.add_obstacles` adds more of them.
     """
-    holders, curved = len(scene.holders), scene.cable.shaped or plasticity_wanted(scene)
+    holders, curved = len(scene.holders), scene.cable.shaped or scene.is_plastic
     return sizes_of(
-        terms=arrays.BISHOP | arrays.CURVED * curved | arrays.PLASTICITY * plasticity_wanted(scene),
+        terms=arrays.BISHOP | arrays.CURVED * curved | arrays.PLASTICITY * scene.is_plastic,
         dim=3,
         twist=True,
         n=n,

@@ -9,7 +9,7 @@ from dlo_sim.core import bspline, mass, quadrature
 from dlo_sim.core.constant_length import constraint_gram
 from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays
-from dlo_sim.scene.description import Scene
+from dlo_sim.scene.description import TERMS, Scene
 from dlo_sim.scene.needs import Needs, inextensible
 from dlo_sim.simulation import obstacles
 from dlo_sim.simulation.arrays import most_sizes, sizes_of, to_blocks, without_margins
@@ -34,12 +34,12 @@ def build_model(
         scene: `resolution.resolved`.
         origin: that of the geometries in the world [m], default zero.
     """
-    n, axes, twist = scene.discretization.control_points, needs.axes, needs.twist
+    n, axes, twist = scene.discretization.control_points, needs.axes, "twist" in needs
     knots = bspline.clamped_knots(n, scene.cable.length, knot_grading(scene))
     rule = _quadrature(scene, knots)
     holding = holding_of(scene, geometries, knots, axes, twist)
-    curved = needs.bend and (needs.plasticity or scene.cable.shaped)
-    touches = samples_of(scene) + 1 if needs.contact else 0
+    curved = "bend" in needs and ("plasticity" in needs or scene.cable.shaped)
+    touches = samples_of(scene) + 1 if "contact" in needs else 0
     sizes = sizes_of(
         terms=_terms(scene, needs, curved, holding),
         dim=len(axes),
@@ -52,11 +52,11 @@ def build_model(
         springs=len(holding.springs),
         joints=holding.joints,
         grasps=len(geometries),
-        loads=len(scene.loads) if needs.loads else 0,
-        obstacles=len(scene.bodies) * needs.contact,
+        loads=len(scene.loads) if "loads" in needs else 0,
+        obstacles=len(scene.bodies) * ("contact" in needs),
         touches=touches,
         constraints=n - 1 if inextensible(scene) else 0,
-        field_values=field_values(scene) if needs.contact else 0,
+        field_values=field_values(scene) if "contact" in needs else 0,
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
     arrays.axes[: len(axes)] = axes
@@ -107,27 +107,20 @@ SELECTIVE = 3e-3  # of mu h^6 integral b''' b'''
 
 
 def _terms(scene: Scene, needs: Needs, curved: bool, holding: Holding) -> int:
-    by_span = scene.discretization.stretch_by_span
+    """Bits of the terms: those of their names, and those that several parameters decide."""
+    by_span, stretches = scene.discretization.stretch_by_span, "stretch" in needs
+    thinning = scene.damping.thinning * scene.damping.internal[1] > 0.0
     present = {
-        bits.STRETCH: needs.stretch and not by_span,
-        bits.SPAN_STRETCH: needs.stretch and by_span,
-        bits.GUARDED: needs.stretch,
-        bits.BEND: needs.bend,
+        bits.STRETCH: stretches and not by_span,
+        bits.SPAN_STRETCH: stretches and by_span,
+        bits.GUARDED: stretches,
         bits.CURVED: curved,
-        bits.TWISTED: needs.twist,
-        bits.TORSION: needs.frenet,
-        bits.PLASTICITY: needs.plasticity,
-        bits.GRAVITY: needs.gravity,
-        bits.DAMPED: needs.damping,
-        bits.BISHOP: needs.bishop,
-        bits.CONTACT: needs.contact,
-        bits.MESHED: needs.contact and any(o.shape == "mesh" for o in scene.bodies),
-        bits.STATIC_TWIST: needs.quasistatic,
-        bits.DRAG: bool(scene.implicit_drag),
-        bits.THINNED: needs.bend and scene.damping.thinning * scene.damping.internal[1] > 0.0,
-        bits.MATERIAL: curved and needs.bishop,
-        bits.LOADED: needs.loads,
+        bits.MATERIAL: curved and "bishop" in needs,
+        bits.MESHED: "contact" in needs and any(o.shape == "mesh" for o in scene.bodies),
+        bits.DRAG: scene.drag_across > 0.0 or any(scene.water_drag),
+        bits.THINNED: "bend" in needs and thinning,
     }
+    present |= {bit: name in needs for name, bit in bits.BITS.items()}
     return sum(bit for bit, there in present.items() if there) | terms_of_holding(holding)
 
 
@@ -181,18 +174,18 @@ class _Filling:
         for kind, band in enumerate(masses):
             self._matrix(linear.mass[kind], band)
             self._factors(linear.factors[kind], band, np.zeros(model.n, dtype=bool))
-        if self._needs.gravity:
+        if "gravity" in self._needs:
             pull = np.asarray(scene.gravity)[self._axes]
             weight = mass.multiply(space - scene.displaced * gram, np.ones(model.n))
             self._inside(linear.weight)[:] = np.outer(pull, weight)
         if model.twist:
             slopes = mass.gram(model.knots, 1, model.rule)
             self._matrix(linear.twist, scene.cable.GJ * slopes)
-            if self._needs.bishop:
+            if "bishop" in self._needs:
                 self._factors(linear.frame_factors, slopes, np.arange(model.n) == 0)
                 shares = bspline.greville(model.knots) / model.knots[-1]
                 self._inside(linear.greville)[:] = shares
-        if self._needs.damping:
+        if "damping" in self._needs:
             self._damping(masses, gram)
         values = held_values(model)
         shifts = np.empty_like(values)
@@ -203,8 +196,8 @@ class _Filling:
         if inextensible(scene):
             self._arrays.length_gram[:] = constraint_gram(model.knots).reshape(-1, 16)
         self._loads()
-        self._scales()
-        if self._needs.contact:
+        self._numbers()
+        if "contact" in self._needs:
             obstacles.fill(scene, self._arrays, model.knots, model.rest)
 
     def _inside(self, lines: Array) -> Array:
@@ -252,12 +245,11 @@ class _Filling:
         The rates of every line are for the explicit methods and rattle, which take no drag beside a
         point mass: drag and mass have the same shape there.
         """
-        scene, linear, physics = self._scene, self._arrays.linear, self._arrays.physics
+        scene, linear = self._scene, self._arrays.linear
         centerline, alpha = scene.decay_rates
         drag = (centerline - alpha) * scene.cable.mu * gram
         for kind, band in enumerate(masses):
             self._matrix(linear.damping[kind], alpha * band + (0.0 if kind else drag))
-        physics.beta_stretch, physics.beta_bend, physics.beta_twist = scene.damping.internal
         linear.decay[: len(self._axes)] = centerline
         linear.decay[len(self._axes) :] = alpha
 
@@ -271,18 +263,13 @@ class _Filling:
         for k, first in enumerate(loads.first):
             self._inside(loads.basis)[k, first : first + 4] = loads.values[k]
 
-    def _scales(self) -> None:
-        scene, needs, physics = self._scene, self._needs, self._arrays.physics
-        cable, share = scene.cable, scene.plasticity.hardening
-        physics.GJ = cable.GJ
-        physics.torsion_floor = scene.curvature_floor**2
-        physics.yield_moment = cable.EI * scene.plasticity.yield_curvature
-        # H = EI h / (1 - h) gives the tangent stiffness h EI
-        physics.hardening = share / (1.0 - share)
+    def _numbers(self) -> None:
+        """What the terms give to the engine."""
+        physics, axes = self._arrays.physics, self._axes
         physics.shortest_span = float(np.diff(bspline.breaks(self._model.knots)).min())
-        physics.axial_round_off = cable.EA * cable.length * needs.stretch
-        physics.bending_round_off = cable.EI * cable.length * needs.bend
-        physics.drag_across = scene.drag_across
-        physics.water_across, physics.water_along = scene.water_drag
-        physics.water_current[: len(self._axes)] = np.array(scene.water.velocity)[self._axes]
-        physics.thinning = scene.damping.thinning**2
+        for term in (term for term in TERMS if term.name in self._needs):
+            for name, value in term.numbers(self._scene).items():
+                if isinstance(value, tuple):
+                    getattr(physics, name)[: len(axes)] = np.array(value)[axes]
+                else:
+                    setattr(physics, name, value)

@@ -44,7 +44,7 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import PARAMETERS, Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.needs import needs_of, plasticity_wanted
+from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.geometry import Pose
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import DiscretizationError, Report, newton_note
@@ -368,7 +368,7 @@ def _finer(original: Simulator, part: str, place: _Place) -> _Finer | None:
 def _order_in_time(simulator: Simulator) -> int:
     """The order of the method, or 1 for plastic bending with an explicit method."""
     method = simulator.choice.method
-    stepwise = plasticity_wanted(simulator.scene) and method.family != IMPLICIT
+    stepwise = simulator.scene.is_plastic and method.family != IMPLICIT
     return 1 if stepwise else method.order
 
 
@@ -452,7 +452,7 @@ def _locks(scene: Scene) -> bool:
     """
     needs, cable = needs_of(scene), scene.cable
     span = cable.length / max(scene.discretization.control_points - 3, 1)
-    thin = needs.stretch and needs.bend and cable.EA * span**2 > THIN * cable.EI
+    thin = "stretch" in needs and "bend" in needs and cable.EA * span**2 > THIN * cable.EI
     if not thin or scene.discretization.stretch_by_span:
         return False
     try:

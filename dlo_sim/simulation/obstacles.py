@@ -147,7 +147,7 @@ def stiffness(scene: Scene, obstacle: Obstacle) -> float:
 
 
 def rests_damped(scene: Scene) -> bool:
-    """Whether the method of the scene can dissipate in contact (`optional_terms.check_method`)."""
+    """Whether the method of the scene can dissipate in contact (`description.RESTRICTIONS`)."""
     return not inextensible(scene) and scene.integrator.method != "energy_momentum_4"
 
 

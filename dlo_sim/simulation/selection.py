@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from dlo_sim.core import zhai
 from dlo_sim.core.amplification import largest_step
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, METHODS, RUNGE_KUTTA, ZHAI, Method
-from dlo_sim.scene.description import Scene
+from dlo_sim.scene.description import Scene, restrictions_of
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.needs import frenet_wanted, inextensible, needs_of, plasticity_wanted
-from dlo_sim.simulation import optional_terms
+from dlo_sim.scene.needs import inextensible, needs_of
 from dlo_sim.simulation.holding import stiffness_of_roll
 
 SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
@@ -185,8 +185,22 @@ def _method(scene: Scene, name: str) -> Method:
                 f"integrator.zhai_phi: no step is stable with psi {psi:g} and phi {phi:g}; "
                 f"use 0.5 for both"
             )
-    _check_damping(scene, method)
-    optional_terms.check_method(scene, method)
+    asked = restrictions_of(scene)
+    fitting = [one for one in METHODS if all(one in each.methods for each in asked)]
+    if not fitting:
+        pairs = combinations(asked, 2)
+        one, other = next((a, b) for a, b in pairs if not set(a.methods) & set(b.methods))
+        raise SceneError(
+            f"{one.asked(scene)} needs {one.kind}, {other.asked(scene)} {other.kind}; set "
+            f"{one.key} to {one.off}, or {other.key} to {other.off}"
+        )
+    for one in asked:
+        if name not in one.methods:
+            best = next(each for each in one.methods if each in fitting)
+            cure = f"use {best}, or set {one.key} to {one.off}"
+            raise SceneError(
+                f"integrator.method: {name} is not valid with {one.asked(scene)}{one.why}; {cure}"
+            )
     return method
 
 
@@ -205,20 +219,17 @@ def _damped_limit(method: Method, frequency: float, rate: float) -> float:
 
 
 def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
-    if frenet_wanted(scene):
-        return "velocity_verlet", "Frenet torsion needs an explicit method"
     if inextensible(scene):
         return "rattle", "terms.stretch is off: constraints keep the length"
-    if scene.contact.markers:
-        return "energy_momentum", "obstacles that come later need an implicit method"
-    damped = scene.terms.damping != "off"
-    if damped and any(scene.damping.internal):
-        return "energy_momentum", "stiffness damping needs an implicit method"
-    if scene.implicit_drag:
-        return "energy_momentum", "drag that depends on the direction needs an implicit method"
-    if damped and scene.damping.air_drag and (scene.start.mass or scene.end.mass):
-        return "energy_momentum", "air drag beside a point mass needs an implicit method"
-    if needs_of(scene).quasistatic:
+    asked = restrictions_of(scene)
+    for name, other in (
+        ("energy_momentum", "velocity_verlet"),
+        ("velocity_verlet", "energy_momentum"),
+    ):
+        for one in asked:
+            if other not in one.methods:
+                return name, f"{one.asked(scene)} needs {one.kind}"
+    if "quasistatic" in needs_of(scene):
         return "energy_momentum", "twist in equilibrium needs an implicit method"
     limit = METHODS["velocity_verlet"].stability_limit / max(frequency, 1e-12)
     if limit >= EXPLICIT_ENOUGH:
@@ -227,7 +238,7 @@ def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
     stiffest = max(waves, key=lambda name: waves[name])
     stiff = f"stiff in {stiffest}: an explicit step would have to be below {limit:.2g} s"
     second, fourth = METHODS["energy_momentum"], METHODS["energy_momentum_4"]
-    composable = not (any(scene.decay_rates) or plasticity_wanted(scene) or scene.touches)
+    composable = not scene.touches and all(fourth.name in one.methods for one in asked)
     if composable and _cost(scene, fourth) < WORTH_COMPOSING * _cost(scene, second):
         return fourth.name, f"{stiff}; accuracy.target {scene.accuracy.target:g} m wants order 4"
     return second.name, stiff
@@ -271,46 +282,3 @@ def _cost(scene: Scene, method: Method) -> float:
     """Sub-steps per second [1/s] of an implicit method at the step that would be chosen for it."""
     step = scene.integrator.step or _chosen_step(scene, method, np.inf)[0]
     return len(method.substeps) / step
-
-
-def _check_damping(scene: Scene, method: Method) -> None:
-    damping = scene.damping
-    if scene.terms.damping == "off":
-        return
-    inside = {name: getattr(damping, name) for name in ("stiffness", "stretch", "bend", "twist")}
-    name = next((name for name, value in inside.items() if value), "")
-    if name and not method.stiffness_damping:
-        if frenet_wanted(scene):
-            raise SceneError(
-                f"damping.{name}: {inside[name]:g} needs an implicit method, Frenet torsion an "
-                "explicit one; set it to 0.0 (damping.mass damps as well), or terms.twist to auto"
-            )
-        raise SceneError(
-            f"integrator.method: {method.name} is not valid with damping.{name} "
-            f"{inside[name]:g}; use energy_momentum or implicit_midpoint"
-        )
-    if damping.thinning and damping.internal[1] and method.name != "energy_momentum":
-        raise SceneError(
-            f"integrator.method: {method.name} is not valid with damping.thinning "
-            f"{damping.thinning:g}; use energy_momentum, or set it to 0.0"
-        )
-    if scene.implicit_drag and frenet_wanted(scene):
-        raise SceneError(
-            f"{scene.implicit_drag} needs an implicit method, Frenet torsion an explicit one; set "
-            "terms.twist to auto, or terms.damping off"
-        )
-    if scene.implicit_drag and method.family != IMPLICIT:
-        key, value = scene.implicit_drag.split(": ")
-        raise SceneError(
-            f"integrator.method: {method.name} is not valid with {key} {value}; use energy_momentum"
-        )
-    if (damping.mass or damping.air_drag) and not method.mass_damping:
-        raise SceneError(
-            f"integrator.method: {method.name} has negative sub-steps, which make damping grow; "
-            f"use velocity_verlet or energy_momentum, or set damping.mass and air_drag to 0"
-        )
-    if damping.air_drag and method.family != IMPLICIT and (scene.start.mass or scene.end.mass):
-        raise SceneError(
-            f"integrator.method: {method.name} is not valid with damping.air_drag beside a point "
-            f"mass (start.mass, end.mass); use energy_momentum"
-        )

@@ -28,13 +28,14 @@ from dlo_sim.engine.grasps import ACTIVE, POSITION, START
 from dlo_sim.scene.description import Grasp, Obstacle, Scene, check_added
 from dlo_sim.scene.needs import (
     Needs,
+    check_terms,
     inextensible,
     moments_may_come,
     needs_of,
     needs_of_end,
     needs_of_load,
 )
-from dlo_sim.simulation import following, obstacles, optional_terms
+from dlo_sim.simulation import following, obstacles
 from dlo_sim.simulation.buckling import (
     coiling_warning,
     is_bent,
@@ -140,7 +141,7 @@ class Simulator:
         self.scene, self.resolution = resolved(scene)
         scene = self.scene
         needs = needs_of(scene)
-        optional_terms.check_terms(scene, needs)
+        check_terms(scene, needs)
         check_named_method(scene)
         self._needs = needs
         bodies = {one.name for one in scene.bodies}
@@ -742,7 +743,7 @@ class Simulator:
     @property
     def contacts(self) -> dict[str, obstacles.Contact]:
         """`contact` of all obstacles by name."""
-        touching = self.scene.bodies if self._needs.contact else ()
+        touching = self.scene.bodies if "contact" in self._needs else ()
         return {obstacle.name: self.contact(obstacle.name) for obstacle in touching}
 
     def contact(self, name: str) -> obstacles.Contact:
@@ -769,7 +770,7 @@ class Simulator:
 
     def _obstacle(self, name: str) -> Array:
         """Motion of the obstacle of this name, a view."""
-        names = [obstacle.name for obstacle in self.scene.bodies if self._needs.contact]
+        names = [obstacle.name for obstacle in self.scene.bodies if "contact" in self._needs]
         return self.cable.obstacles[names.index(arguments.one_of("obstacle", name, names))]
 
     def _put_end(
@@ -796,7 +797,7 @@ class Simulator:
         """What a moved end needs: the drive itself, the third coordinate, twist."""
         first = self._geometries[end].position
         leaves_plane = not self._ends.stays_in_plane(end, self.model.axes, first)
-        twists = not self._needs.twist and self._ends.twists(end)
+        twists = "twist" not in self._needs and self._ends.twists(end)
         return needs_of_end(self._needs, self.scene, leaves_plane=leaves_plane, twists=twists)
 
     def _needs_along(self, end: str, path: Array) -> Needs:
@@ -1182,11 +1183,11 @@ class Simulator:
         self.cable.balance()
         self.cable.present_energy()
         needs = needs_of_load(self._needs, self.scene, None, np.ones(3))
-        if moments_may_come(self.scene) and needs.twist and not self._needs.twist:
+        if moments_may_come(self.scene) and "twist" in needs and "twist" not in self._needs:
             self._need(needs)
             self._stepper.advance(0, 0)
             self.restore(self._initial)
-        if self.scene.contact.markers and not self._needs.contact:
+        if self.scene.contact.markers and "contact" not in self._needs:
             far = self._origin + 1e3 * self.scene.cable.length
             self._surround((Obstacle("ahead", "sphere", position=tuple(far.tolist())),))
             self._stepper.advance(0, 0)
@@ -1205,8 +1206,8 @@ class Simulator:
 
     def _need(self, needs: Needs) -> None:
         """Activate the terms and lines that these needs add; the state is kept."""
-        lines = (self._needs.axes, self._needs.twist, self._needs.loads)
-        if (needs.axes, needs.twist, needs.loads) == lines:
+        had, has = ((one.axes, "twist" in one, "loads" in one) for one in (self._needs, needs))
+        if had == has:
             self._needs = needs
         else:
             self._activate(needs, self._geometries)

@@ -51,7 +51,7 @@ from dlo_sim.engine.arrays import (
 from dlo_sim.methods import rattle
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.needs import frenet_wanted, inextensible, needs_of
+from dlo_sim.scene.needs import inextensible, needs_of
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
@@ -138,7 +138,7 @@ class _FirstShape:
         if self._lay:
             self._lay()
         resting = _wants_equilibrium(scene, self._geometries)
-        if resting and frenet_wanted(scene):
+        if resting and scene.terms.twist == "frenet":
             raise SceneError(
                 "initial.shape: no equilibrium is available with terms.twist frenet; use straight"
             )
@@ -146,7 +146,7 @@ class _FirstShape:
             self._place_inextensible(resting)
         elif resting:
             self._find()
-        elif backwards and not frenet_wanted(scene) and not self._follow():
+        elif backwards and scene.terms.twist != "frenet" and not self._follow():
             # An arc that is folded at a clamp would stay so, but no other shape was found.
             cable.put(points, np.zeros_like(points), 0.0)
         if self._lay:

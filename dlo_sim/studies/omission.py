@@ -11,10 +11,11 @@ import numpy as np
 
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.scene import description
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, scene_values, shipped_scenes
-from dlo_sim.scene.needs import needs_of
-from dlo_sim.simulation import optional_terms, selection
+from dlo_sim.scene.needs import check_terms, needs_of
+from dlo_sim.simulation import selection
 from dlo_sim.studies import Outcome, Request
 from dlo_sim.studies.report import Report
 from dlo_sim.studies.runs import each
@@ -63,7 +64,7 @@ Piece = tuple[Scene, bool, float]  # a scene, whether its grippers are at rest, 
 def _present_twist(scene: Scene) -> Values:
     """The model of twist that the scene has, by name, so that it stays whatever else changes."""
     needs = needs_of(scene)
-    return {"terms.twist": needs.twist_model} if needs.twist else {}
+    return {"terms.twist": needs.twist_model} if "twist" in needs else {}
 
 
 def _sprung(scene: Scene) -> Values:
@@ -102,6 +103,7 @@ FRENET: Values = {"terms.twist": "frenet", "torsion.curvature_floor": FLOOR}
 GROUND: Values = {"obstacles.names": ["ground"], "obstacles.ground.position": [0.0, 0.0, -DEEP]}
 YIELDING: Values = {"plasticity.yield_curvature": NEVER, "terms.plasticity": "on"}
 DRAG: Values = {"damping.air_drag": TINY}
+DEFAULTS = scene_values(description.default_scene())
 TERMS = {
     "stretch": Term({"terms.stretch": "on"}, RATTLE),
     "bend": Term({"terms.bend": "on"}, {"terms.bend": "off"}),
@@ -118,6 +120,11 @@ TERMS = {
     "damping": Term({"damping.mass": TINY}, {"terms.damping": "off"}, along=("air_drag",)),
     "air_drag": Term(DRAG, {"damping.air_drag": 0.0}, "no air drag", ("damping",)),
     "out_of_plane": Term(SPACE, _flat, along=("loads",)),
+    **{
+        one.name: Term({**one.faint}, {key: DEFAULTS[key] for key in one.faint}, along=("damping",))
+        for one in description.TERMS
+        if one.faint
+    },
 }
 # Changes to both runs of a pair, tried in this order until the pair differs in one term alone: of
 # the method, where it does not support a term, and of what else a term needs or would bring along.
@@ -184,8 +191,8 @@ def has(scene: Scene, term: str) -> bool:
     if term == "out_of_plane":
         return len(needs.axes) == 3
     if term == "air_drag":
-        return bool(needs.damping and scene.damping.air_drag > 0.0)
-    return bool(getattr(needs, term))
+        return bool("damping" in needs and scene.damping.air_drag > 0.0)
+    return term in needs
 
 
 def variants(scene: Scene, terms: Iterable[str] = ()) -> list[Variant]:
@@ -217,7 +224,7 @@ def _pair(scene: Scene, name: str) -> tuple[Values, Scene, Scene]:
             if not (has(full, name) and not has(bare, name) and _alike(full, bare, name)):
                 continue
             for one in (full, bare):  # refused, as by a simulator, if no method supports it
-                optional_terms.check_terms(one, needs_of(one))
+                check_terms(one, needs_of(one))
                 selection.choose(one, 0.0)
         except SceneError:
             continue

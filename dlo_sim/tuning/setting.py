@@ -89,7 +89,7 @@ def ways_to_resolve(scene: Scene, method: str) -> tuple[tuple[str, str], ...]:
     """
     integrator = replace(scene.integrator, method=method)
     plain = "sample", "uniform"
-    if not needs_of(replace(scene, integrator=integrator)).stretch:
+    if "stretch" not in needs_of(replace(scene, integrator=integrator)):
         return (plain,)
     coarse = Setting(method, FEW, 1e-3, knots="auto").applied(scene)
     graded = resolved(coarse)[0].discretization.knots == "graded"

@@ -199,7 +199,7 @@ def test_combinations_without_meaning_are_refused():
     with pytest.raises(SceneError, match="terms.bend is off"):
         simulator(SOFT, YIELD, {"terms.bend": "off"})
     for method in ("energy_momentum_4", "rattle"):
-        with pytest.raises(SceneError, match=f"{method} is not available with plasticity.yield"):
+        with pytest.raises(SceneError, match=f"{method} is not valid with plasticity.yield"):
             simulator(SOFT, YIELD, method=method)
     assert "plasticity" in simulator(SOFT, YIELD).active_terms
     assert Simulator(scene_of(SOFT)).left_out["plasticity"] == "no yield curvature"

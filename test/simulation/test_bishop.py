@@ -162,7 +162,7 @@ def test_a_shape_that_twists_slowly_hardly_knows_inertia():
 
 @pytest.mark.parametrize("method", ["velocity_verlet", "rattle"])
 def test_quasistatic_twist_needs_an_implicit_method(method):
-    with pytest.raises(SceneError, match="^terms.twist: quasistatic .* use energy_momentum"):
+    with pytest.raises(SceneError, match="terms.twist quasistatic; use energy_momentum"):
         held(method, 0.0, terms__twist="quasistatic", damping__stiffness=0.0)
 
 

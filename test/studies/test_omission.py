@@ -31,7 +31,7 @@ def rows(study):
 
 
 def test_every_term_is_known():
-    assert set(TERMS) == {*needs.TERMS, "out_of_plane", "air_drag"}
+    assert set(TERMS) == {*needs.NAMES, "out_of_plane", "air_drag"}
 
 
 def test_every_term_asked_for_has_a_row(rows):
