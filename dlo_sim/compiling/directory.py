@@ -18,6 +18,7 @@ import stat
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import llvmlite
@@ -30,6 +31,7 @@ COMPILED_ROOMS = ("compiling", "engine", "methods", "terms")
 
 _log = logging.getLogger(LOGGER)
 _said: set[str] = set()
+_shared: list[str] = []  # the directory of `many_kept`
 _turn = threading.RLock()  # numba's cache setting is process-wide
 _ROOM = 50_000_000  # bytes; a piece takes up to a few megabytes
 _SEAL = hashlib.sha256().digest_size
@@ -130,6 +132,8 @@ def kept(name: str) -> Iterator[None]:
     path = base_directory() / digest() / name
     with _turn, _room(path.parent) as place:
         folder = Path(place)
+        for file in _files(folder):  # of the piece before, if they share the directory
+            file.unlink()
         found = _read(path)
         for relative, content in found.items():
             (folder / relative).parent.mkdir(exist_ok=True)
@@ -142,8 +146,7 @@ def kept(name: str) -> Iterator[None]:
             yield
         finally:
             config.CACHE_DIR = before
-        files = [file for file in folder.rglob("*") if file.is_file()]
-        made = {str(file.relative_to(folder)): file.read_bytes() for file in files}
+        made = {str(file.relative_to(folder)): file.read_bytes() for file in _files(folder)}
         if made != found and not _obstacle(path.parent):
             try:
                 _write(path, made)
@@ -151,10 +154,27 @@ def kept(name: str) -> Iterator[None]:
                 say_not_kept(f"{path.parent} cannot be written ({error.strerror})")
 
 
+def _files(folder: Path) -> list[Path]:
+    return [file for file in folder.rglob("*") if file.is_file()]
+
+
+@contextlib.contextmanager
+def many_kept() -> Iterator[None]:
+    """Context in which numba uses one directory for all pieces. On a file system that discards what
+    is deleted, removing one takes 7 ms, as long as loading a piece.
+    """
+    with _turn, contextlib.ExitStack() as opened:
+        with contextlib.suppress(OSError):  # each piece tries it again
+            if not _shared:
+                _shared.append(opened.enter_context(_room(base_directory() / digest())))
+                opened.callback(_shared.clear)
+        yield
+
+
 @contextlib.contextmanager
 def _room(directory: Path) -> Iterator[str]:
-    """A new, private directory: among the temporary files or, where these have no room, in the
-    cache directory.
+    """A private directory: that of `many_kept`, or a new one, among the temporary files or, where
+    these have no room, in the cache directory.
 
     Raises:
         OSError: there can be none.
@@ -164,7 +184,8 @@ def _room(directory: Path) -> Iterator[str]:
         temporary = tempfile.gettempdir()
         if shutil.disk_usage(temporary).free >= _ROOM or _obstacle(directory):
             place = temporary
-    with tempfile.TemporaryDirectory(prefix="dlo_sim_", dir=place) as made:
+    new = partial(tempfile.TemporaryDirectory, prefix="dlo_sim_", dir=place)
+    with contextlib.nullcontext(_shared[0]) if _shared else new() as made:
         try:
             yield made
         except OSError as error:

@@ -23,7 +23,7 @@ import numpy as np
 from numba import cfunc, config, njit, types
 from numba.core.registry import CPUDispatcher
 
-from dlo_sim.compiling.directory import kept, say_not_kept
+from dlo_sim.compiling.directory import kept, many_kept, say_not_kept
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -81,7 +81,7 @@ class Piece:
         if config.DISABLE_JIT:
             return self.function
         if terms not in self._ready:
-            with _collector_waits():
+            with _collector_waits(), many_kept():
                 self._load(terms)
                 if self._code is None:
                     self._code = self._compiled(njit, nogil=True)

@@ -56,6 +56,16 @@ def said(
     return lines
 
 
+def test_pieces_that_share_the_directory_of_numba_are_kept_apart(said, tmp_path: Path) -> None:
+    with directory.many_kept():
+        for function in (add_one, add_two):
+            assert piece(float64, float64)(function)(1.0) == function(1.0)
+    kept = tmp_path / "dlo_sim" / directory.digest()
+    one, two = (directory._read(kept / f"{__name__}.{name}") for name in ("add_one", "add_two"))
+    assert one and two and not one.keys() & two.keys()
+    assert not directory._shared
+
+
 def test_another_directory_for_other_sources_and_another_compiler(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
