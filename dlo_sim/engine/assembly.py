@@ -8,7 +8,7 @@ from __future__ import annotations
 from dlo_sim.compiling.pieces import part
 from dlo_sim.engine import bishop, contact, drag, natural_curvature, plasticity, torsion
 from dlo_sim.engine.arrays import BISHOP, PLASTICITY
-from dlo_sim.engine.elastic import discrete_force
+from dlo_sim.engine.elastic import add_tangent, discrete_force
 from dlo_sim.engine.forces import energies, forces
 
 
@@ -41,6 +41,12 @@ def discrete_gradient(cable, x0, x1, moved, viscous, out):
     lost = discrete_force(cable, x0, x1, moved, viscous, out)
     natural_curvature.gradient(cable, x0, x1, out)
     return lost
+
+
+@part
+def discrete_jacobian(cable, x0, x1, viscous, scale, band):
+    """band += scale times the Jacobian of `discrete_gradient` with respect to x1."""
+    add_tangent(cable, x0, x1, viscous, scale, band)
 
 
 @part

@@ -6,24 +6,25 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.batch.workers import Workers
-from dlo_sim.core import bspline
+from dlo_sim.core import bspline, mass
 from dlo_sim.identification.measurement import START_FRAMES, Recording
 from dlo_sim.replay.comparison import AxisComparison, compare_reaction
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
+from dlo_sim.simulation.arrays import without_margins
 from dlo_sim.simulation.error_estimate import POINTS, error_along
 from dlo_sim.simulation.report import DiscretizationError
 from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
 SLOW = 0.5  # [s], error that lasts longer is slow
-PLACES = 50  # of the cable at which the direction of drag is looked at
 STEP = 0.01  # [s], where the scene chooses; half of it moves 12 markers by 0.1 mm
 # How recordings are simulated where nobody says otherwise; the start comes from the markers.
 COMPUTATION: dict[str, object] = {
@@ -100,62 +101,36 @@ def predict(
     forces = np.zeros((len(times), 0))
     if recording.forces is not None:
         grid = np.concatenate([[0.0], samples])
-        load = load_on_robot(scene, simulator.model.knots, grid, path)
+        load = load_on_robot(simulator, grid, path)
         sensor = sensor or Sensor()
         forces = interpolated(times[:, None] - sensor.delay, grid, load) + sensor.offset
         path = interpolated(times, grid, path)
     return Prediction(basis @ path, forces, report.message, time.perf_counter() - began)
 
 
-def load_on_robot(scene: Scene, knots: Array, times: Array, path: Array) -> Array:
+def load_on_robot(simulator: Simulator, times: Array, path: Array) -> Array:
     """Load of the cable on what holds it [N], shape (K, 3).
 
-    It is M g - dP/dt - D, with the momentum P and the external damping force D: alpha P and drag
-    along and across the cable. Point masses at the ends count; it is what several end effectors
-    bear together.
+    It is W - dP/dt + D, with the weight W, the momentum P and the sum D of the damping forces, to
+    which internal ones add nothing. Point masses at the ends count; it is what several end
+    effectors bear together.
 
     Args:
         times: evenly rising [s], shape (K,). path: control points at these [m], shape (K, n, 3).
     """
-    ends = np.array([scene.start.mass, scene.end.mass])
-    shares = (knots[bspline.DEGREE + 1 :] - knots[: -bspline.DEGREE - 1]) / (bspline.DEGREE + 1)
-    (drag, alpha), masses = scene.decay_rates, scene.cable.mu * shares
-    dragged = drag * masses
-    masses[[0, -1]] += ends
-    dragged[[0, -1]] += alpha * ends
-    step = times[1] - times[0]
-    moments = np.einsum("n,knd->kd", masses, path)
-    external = np.gradient(np.einsum("n,knd->kd", dragged, path), step, axis=0)
+    cable, model = deepcopy(simulator.cable), simulator.model
+    axes = list(model.axes)
+    step, masses = times[1] - times[0], mass.multiply(model.mass(0), np.ones(model.n))
     # The mean of both steps at an instant, as the steps' own equations have it.
-    rate = np.diff(moments, 2, axis=0) / step**2
-    inertia = np.concatenate([rate[:1], rate, rate[-1:]])
-    external += _drag(scene, knots, path, np.gradient(path, step, axis=0))
-    weighed = masses.sum() - scene.displaced * scene.cable.length
-    return np.asarray(weighed * np.array(scene.gravity) - inertia - external)
-
-
-def _drag(scene: Scene, knots: Array, path: Array, rates: Array) -> Array:
-    """Drag of water, and what drag of air across the cable has more than along it (`engine.drag`)
-    [N], shape (K, 3).
-    """
-    every, length = np.eye(path.shape[1]), scene.cable.length
-    u = (np.arange(PLACES) + 0.5) / PLACES * length
-    motion = bspline.evaluate(every, knots, u) @ rates
-    tangents = bspline.evaluate(every, knots, u, 1) @ path
-    tangents /= np.linalg.norm(tangents, axis=-1, keepdims=True)
-    _, motion_across = _split(motion, tangents)
-    along, across = _split(motion - np.array(scene.water.velocity), tangents)
-    normal, tangential = scene.water_drag
-    force = scene.drag_across * motion_across
-    force += normal * np.linalg.norm(across, axis=-1, keepdims=True) * across
-    force += tangential * np.abs(along) * along * tangents
-    return np.asarray(length * force.mean(axis=1))
-
-
-def _split(vectors: Array, tangents: Array) -> tuple[Array, Array]:
-    """Components along unit tangents, shape (..., 1), and the vectors across them."""
-    along = (tangents * vectors).sum(axis=-1, keepdims=True)
-    return along, vectors - along * tangents
+    rate = np.diff(np.einsum("n,knd->kd", masses, path), 2, axis=0) / step**2
+    load = -np.concatenate([rate[:1], rate, rate[-1:]])
+    load[:, axes] += without_margins(model.arrays.linear.weight, model.n).sum(axis=1)
+    local, rates = path - model.origin, np.gradient(path, step, axis=0)
+    lines = np.zeros((model.lines, model.n))
+    for k in range(len(path)):
+        cable.x[: len(axes)], lines[: len(axes)] = local[k].T[axes], rates[k].T[axes]
+        load[k, axes] += cable.damping_forces(lines)[: len(axes)].sum(axis=1)
+    return load
 
 
 def interpolated(times: Array, grid: Array, rows: Array) -> Array:

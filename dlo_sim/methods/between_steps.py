@@ -16,6 +16,7 @@ from dlo_sim.engine.assembly import (
     add_damping,
     all_forces,
     discrete_gradient,
+    discrete_jacobian,
 )
 from dlo_sim.engine.band import (
     add_springs,
@@ -32,7 +33,6 @@ from dlo_sim.engine.band import (
     substitute_transposed,
     turn_vector,
 )
-from dlo_sim.engine.elastic import add_tangent
 from dlo_sim.engine.grasps import ACTIVE, DURATION, START, direction_at, place
 from dlo_sim.engine.lines import (
     add,
@@ -148,7 +148,7 @@ def stiffness(address):
     cable = cable_at(address)
     band, x = cable.work.band, cable.state.x
     clear_band(band)
-    add_tangent(cable, x, x, 0.0, 2.0, band)
+    discrete_jacobian(cable, x, x, 0.0, 2.0, band)
     if cable.terms & CONTACT:
         contact.add_tangent(cable, 0.0, NO, x, x, 2.0, band)
     add_springs(cable, 1.0, band)

@@ -49,6 +49,7 @@ from dlo_sim.engine.assembly import (
     add_damping,
     add_damping_tangent,
     discrete_gradient,
+    discrete_jacobian,
     flow,
 )
 from dlo_sim.engine.band import (
@@ -69,7 +70,6 @@ from dlo_sim.engine.band import (
     substitute,
     turn_vector,
 )
-from dlo_sim.engine.elastic import add_tangent
 from dlo_sim.engine.forces import start_with_weight
 from dlo_sim.engine.lines import add, add_product, clear, copy, damping_of, difference, inner
 from dlo_sim.engine.loads import add_load_stiffness, load_force
@@ -355,7 +355,7 @@ def newton_matrix(cable, t0, tau, a, discrete):
         if is_viscous(cable):
             viscous = 1.0 / tau
     begin, end = (work.start, state.x) if discrete else (middle, middle)
-    add_tangent(cable, begin, end, viscous, 1.0, matrix)
+    discrete_jacobian(cable, begin, end, viscous, 1.0, matrix)
     if cable.terms & CONTACT:
         contact.add_tangent(cable, 1.0 / tau, YES, work.start, state.x, 1.0, matrix)
     add_springs(cable, 0.5, matrix)

@@ -343,9 +343,13 @@ class Cable:
         """
         out = self._lines()
         self.call(between_steps.forces_now, t, out)
-        if rates is not None and self.model.has(DAMPED):
-            v = self.padded(rates)
-            self.call(between_steps.damping_forces, v, out)
+        return self.shown(out) + (0.0 if rates is None else self.damping_forces(rates))
+
+    def damping_forces(self, rates: Array) -> Array:
+        """Damping forces at the present configuration and these velocities, both (lines, n)."""
+        out = self._lines()
+        if self.model.has(DAMPED):
+            self.call(between_steps.damping_forces, self.padded(rates), out)
         return self.shown(out)
 
     def held_force(self, t: float, force: Array | None = None) -> Array:
