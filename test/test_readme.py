@@ -162,6 +162,7 @@ def test_table_of_topics_is_complete(node_page):
             "forecast.processes": 1,
             "measured.type": "point_cloud",
             "obstacles.names": ["floor"],
+            "contact.markers": 1,
         }
     )
     listened = (*input_topics(scene), *plan_topics(scene))

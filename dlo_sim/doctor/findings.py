@@ -201,12 +201,14 @@ def _topic(heard: Heard, entry: InputTopic) -> Iterator[Finding]:
         cure = f"publish {kind} on it, or change the topic name in the scene"
         if entry.is_pose:
             yield problem(f"nobody publishes {topic}; the node waits for it", cure)
+        elif entry.kind == "markers":
+            yield note(f"nobody publishes {topic}; no obstacle is added", cure)
         elif entry.kind == "taken":
             yield note(f"nobody publishes {topic}; '{entry.target}' keeps its state", cure)
         else:
             yield note(f"nobody publishes {topic}; the load is zero", cure)
         return
-    if entry.kind == "taken":
+    if entry.kind in ("taken", "markers"):
         yield ok(f"{topic} is published")
         return
     if not heard.rate:

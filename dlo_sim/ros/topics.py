@@ -13,7 +13,7 @@ from rclpy.subscription import Subscription
 
 from dlo_sim.ros.status import InputSources
 from dlo_sim.scene.description import Scene
-from dlo_sim.session.cdr import BOOL, encode_marker_delete_all
+from dlo_sim.session.cdr import BOOL, MARKER_ARRAY, encode_marker_delete_all
 from dlo_sim.session.outputs import OutgoingMessage
 from dlo_sim.session.topics import DIAGNOSTICS, FORECAST, MARKERS, TF, InputTopic, output_topics
 
@@ -39,10 +39,10 @@ def input_qos(kind: str) -> QoSProfile:
     """How an input of a ROS type is subscribed.
 
     Best effort as sensors publish, so that every publisher matches, but a deeper queue than the
-    usual 5: a tick that takes 20 ms must not lose a 500 Hz wrench. A Bool is published once and
-    must not be lost.
+    usual 5: a tick that takes 20 ms must not lose a 500 Hz wrench. A Bool, or the markers of
+    obstacles, are published once and must not be lost.
     """
-    once = kind == BOOL
+    once = kind in (BOOL, MARKER_ARRAY)
     reliability = ReliabilityPolicy.RELIABLE if once else ReliabilityPolicy.BEST_EFFORT
     return QoSProfile(depth=100, reliability=reliability)
 

@@ -39,8 +39,9 @@ REASONS: dict[str, str] = {
     "in_future": "a stamp more than 0.5 s ahead that later messages did not confirm",
     "out_of_order": "a stamp before one that the simulation has used, or that another message has",
     "too_fast": "a pose that would need more than inputs.max_speed",
-    "too_many": "more points than are used (5,000 measured, 20,000 of a plan), or a plan while a "
-    "hundred wait",
+    "too_many": "more points than are used (5,000 measured, 20,000 of a plan), a plan while a "
+    "hundred wait, or more than 2 contact.markers + 1 markers or 1 MB of them in a message",
+    "bad_marker": "a marker that is no obstacle: an ellipsoid, without size, of another type",
     "bad_plan": "a plan whose joints, times or poses the end effectors cannot follow from here",
 }
 """The reasons for which messages are refused."""
@@ -59,6 +60,8 @@ EVENTS: dict[str, str] = {
     "late": "a message arrived after the simulation had passed its time; it takes effect now, "
     "measured points are rejected",
     "full": "more measurements wait than fit; the oldest is lost",
+    "not_added": "an obstacle was not added: the cable is inside it, or there are contact.markers",
+    "jumped": "an obstacle would have to move faster than inputs.max_speed; it stays where it is",
     "not_taken": "a gripper was to take the cable where it is already held",
     "load_removed": "no message for the load's timeout; the load was removed",
     "time_skipped": "the simulation could not keep up; simulated time was skipped",

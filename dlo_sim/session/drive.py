@@ -23,6 +23,7 @@ from dlo_sim.session.gripper_path import (
     StepGrid,
     grid_multiple_at_or_after,
 )
+from dlo_sim.session.markers import Surroundings
 from dlo_sim.session.observer import Observer
 from dlo_sim.session.topics import InputTopic
 from dlo_sim.session.waiting import LoadMessage, LoadSchedule, TakeMessage, Waiting
@@ -72,11 +73,13 @@ class Drive:
         estimate: steps the simulator together with refined ones; None if errors are not estimated.
         unresolved: one line if a shape of the last advance was no cable's
             (`simulation.soundness`), else "".
+        surroundings: obstacles from markers; None if the scene takes none.
         observer: corrects the simulator by measurements; None if the scene has no measured points.
         grid: times of the steps; None before `begin`.
     """
 
     def __init__(self, scene: Scene, factory: Callable[..., Simulator], journal: Journal) -> None:
+        scene = replace(scene, added=())  # as of a state to go on from, which adds them again
         self.simulator = factory(scene)
         self.estimate: ErrorEstimate | None = None
         self.unresolved = ""
@@ -93,6 +96,10 @@ class Drive:
         if scene.measured.type != "none":
             self.observer = Observer(scene.measured, journal)
             self._timed.append(self.observer)
+        self.surroundings: Surroundings | None = None
+        if scene.contact.markers:
+            self.surroundings = Surroundings(scene, journal)
+            self._timed.append(self.surroundings)
         self._queues: list[Waiting[Any]] = [*self.paths.values(), *self._timed]
         self.grid: StepGrid | None = None
         self._segments: dict[str, Segment] = {}
@@ -103,6 +110,9 @@ class Drive:
             return self.paths[entry.target]
         if entry.kind == "taken":
             return self._takes[entry.target]
+        if entry.kind == "markers":
+            assert self.surroundings is not None
+            return self.surroundings
         if entry.target:
             return self._loads[entry.target]
         assert self.observer is not None
@@ -155,7 +165,7 @@ class Drive:
             self.scene, self._rebuilt = _with_taken(self.scene, told), True
         if saved is not None:
             held = {name: (one.position, one.orientation) for name, one in saved.geometries.items()}
-            before = self._factory(saved.scene, end_poses=held)
+            before = self._factory(replace(saved.scene, added=()), end_poses=held)
             before.restore(saved)
             self.simulator = before.reconfigured(self.scene)
         elif poses or self._rebuilt:
@@ -226,7 +236,7 @@ class Drive:
         return waiting
 
     def _apply_inputs(self, grid: StepGrid, target: int) -> int:
-        """Apply corrections, takes, releases and loads of the present step.
+        """Apply corrections, takes, releases, markers and loads of the present step.
 
         Returns:
             The step, at most `target`, up to which no input changes.
@@ -239,6 +249,8 @@ class Drive:
                     self.observer.work += self.simulator.correct(*correction)
         if self._takes:
             self._take_and_release(self._told(now_ns))
+        if self.surroundings is not None:
+            self.surroundings.apply(now_ns, step_ns, self.simulator, self._driven)
         for name, schedule in self._loads.items():
             self._apply_loads(name, schedule, now_ns, step_ns)
         stop = target
@@ -368,6 +380,8 @@ class Drive:
             self.estimate = None
         if self.observer is not None:
             self.observer.measured = scene.measured
+        if self.surroundings is not None:
+            self.surroundings.configure(scene)
         if grid is not None:
             self.simulator.take_over(old)
             if self.estimate is not None:

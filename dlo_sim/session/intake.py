@@ -23,6 +23,7 @@ from dlo_sim.session import cdr
 from dlo_sim.session.cdr import Stamped
 from dlo_sim.session.diagnostics import Journal, Refused, TopicRecord
 from dlo_sim.session.gripper_path import Pose
+from dlo_sim.session.markers import Change, Markers, change_of
 from dlo_sim.session.observer import Points
 from dlo_sim.session.time_base import MOST_BEHIND, SECOND, Copy, Decision, Source, TimeBase, Verdict
 from dlo_sim.session.topics import POINT_KINDS, InputTopic, tf_inputs
@@ -140,9 +141,7 @@ class ContentCheck:
             Refused: it cannot be used.
         """
         values = message.values
-        # The sum of finite numbers overflows only far beyond every limit.
-        if not math.isfinite(sum(values)):
-            raise Refused("not_finite", f"{_shown(values)}; repair the publisher")
+        self.check_finite(values)
         if kind == "pose":
             check_pose(values)
         elif kind == "two_points":
@@ -152,6 +151,17 @@ class ContentCheck:
         elif values and max(map(abs, values)) > MOST_DISTANT:
             raise _too_distant(values)
         return message._replace(frame_id=self._check_frame(message.frame_id, kind))
+
+    @staticmethod
+    def check_finite(values: tuple[float, ...]) -> None:
+        """Refuse a number that is not finite.
+
+        Raises:
+            Refused: `not_finite`.
+        """
+        # The sum of finite numbers overflows only far beyond every limit.
+        if not math.isfinite(sum(values)):
+            raise Refused("not_finite", f"{cdr.shown(values)}; repair the publisher")
 
     def _check_size(self, values: tuple[float, ...]) -> None:
         for name, unit, vector, limit in (
@@ -214,17 +224,13 @@ def check_pose(values: tuple[float, ...]) -> None:
     norm = math.hypot(*values[3:])
     if abs(norm - 1.0) > NORM_TOLERANCE:
         raise Refused(
-            "bad_quaternion", f"orientation {_shown(values[3:])} has norm {norm:.6g}, needs 1"
+            "bad_quaternion", f"orientation {cdr.shown(values[3:])} has norm {norm:.6g}, needs 1"
         )
 
 
 def _too_distant(values: tuple[float, ...]) -> Refused:
-    shown = _shown(values[:3])
+    shown = cdr.shown(values[:3])
     return Refused("too_large", f"position {shown} is beyond {MOST_DISTANT:g} m; check its unit")
-
-
-def _shown(values: tuple[float, ...]) -> str:
-    return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"
 
 
 class Accepted(NamedTuple):
@@ -238,7 +244,7 @@ class Accepted(NamedTuple):
 
     verdict: Verdict
     entries: tuple[InputTopic, ...] = ()
-    message: Pose | LoadMessage | TakeMessage | Points | None = None
+    message: Pose | LoadMessage | TakeMessage | Points | Markers | None = None
 
 
 class _Topic:
@@ -273,7 +279,7 @@ class _Topic:
         elif self.kind in ("wrench", "force"):
             self.record.timeout = min(scene.load(target).timeout for target in targets)
             self.frame = scene.load(targets[0]).frame
-        self.record.occasional = self.kind == "taken"
+        self.record.occasional = self.kind in ("taken", "markers")
 
     def clear(self) -> None:
         """Forget the last pose."""
@@ -346,6 +352,7 @@ class Intake:
         self._expected = {name: x.position for name, x in scene.moved.items()}
         self._length = scene.cable.length
         self._limits, self._world = scene.inputs, scene.frame_id
+        self._most_obstacles = scene.contact.markers
         self._content = ContentCheck(scene)
         for topic in self._topics.values():
             topic.configure(scene)
@@ -371,7 +378,8 @@ class Intake:
         topic.record.last_arrival_ns = arrival_ns
         try:
             keep_missing = topic.kind not in POINT_KINDS
-            message = cdr.decode(topic.type, raw, keep_missing=keep_missing)
+            most = 2 * self._most_obstacles + 1  # removed and added, after DELETEALL
+            message = cdr.decode(topic.type, raw, keep_missing=keep_missing, most=most)
         except cdr.DecodeError as error:
             topic.record.refuse(error.reason, f"{error}; publish {topic.type}")
             return []
@@ -421,8 +429,11 @@ class Intake:
             if not message.frame_id and topic.kind in ("wrench", "force"):
                 message = self._in_meant_frame(topic, message)
             try:
-                message = self._in_world(message, arrival_ns, topic.kind)
-                message = self._content.check(message, topic.kind, topic.spacing)
+                if topic.kind == "markers":
+                    message = self._changes(topic, message, arrival_ns)
+                else:
+                    message = self._in_world(message, arrival_ns, topic.kind)
+                    message = self._content.check(message, topic.kind, topic.spacing)
             except Refused as refused:
                 young = abs(clock_ns - arrival_ns) <= patience_ns
                 few = len(topic.waiting) <= _MOST_WAITING
@@ -434,6 +445,37 @@ class Intake:
                 found += self._follow(topic, decisions)
             topic.waiting.popleft()
         return found
+
+    def _changes(self, topic: _Topic, message: Stamped, arrival_ns: int) -> Stamped:
+        """What the markers of a message say of obstacles, in the world frame. The bad ones are
+        refused with one line; the others are used.
+
+        Raises:
+            Refused: all are bad, or a transform is not available, or not yet.
+        """
+        located = [
+            self._in_world(Stamped(message.stamp_ns, one.frame_id, one.pose), arrival_ns, "pose")
+            if one.action == cdr.ADD
+            else None
+            for one in message.values
+        ]
+        changes: list[Change] = []
+        bad: list[tuple[str, Refused]] = []
+        for marker, there in zip(message.values, located, strict=True):
+            try:
+                if there is not None:
+                    marker = marker._replace(pose=self._content.check(there, "pose").values)
+                    self._content.check_finite(marker.scale)
+                changes.append(change_of(marker))
+            except Refused as refused:
+                bad.append((marker.name, refused))
+        if bad:
+            name, first = bad[0]
+            count = f"{len(bad)} of {len(message.values)} markers, the first is {name}: "
+            if not changes:
+                raise Refused(first.reason, count + first.detail)
+            topic.record.refuse(first.reason, count + first.detail)
+        return Stamped(message.stamp_ns, "", tuple(changes))
 
     def _in_meant_frame(self, topic: _Topic, message: Stamped) -> Stamped:
         """A load without a frame, in the frame that its key gives; the first one is noted."""
@@ -499,7 +541,7 @@ class Intake:
         elif decision.verdict is Verdict.DECIDE:
             for other in self._topics.values():
                 other.follow_offset()
-        message: Pose | LoadMessage | TakeMessage | Points
+        message: Pose | LoadMessage | TakeMessage | Points | Markers
         if topic.is_pose:
             message = topic.pose(values, stamp_ns)
             before, after = topic.around(stamp_ns)
@@ -513,6 +555,8 @@ class Intake:
             topic.keep(message)
         elif topic.kind == "taken":
             message = TakeMessage(stamp_ns, bool(values[0]))
+        elif topic.kind == "markers":
+            message = Markers(stamp_ns, values)
         elif topic.kind in POINT_KINDS:
             message = Points(stamp_ns, np.reshape(values, (-1, 3)))
         else:

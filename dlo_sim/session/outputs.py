@@ -190,7 +190,7 @@ class Outputs:
 
     def _encode_contacts(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         scene, bodies, lines = self._scene, [], [np.zeros((0, 3))]
-        for obstacle in scene.obstacles:
+        for obstacle in simulator.scene.bodies:
             pose = simulator.end_pose(obstacle.name)
             if obstacle.shape in ("ring", "channel", "mesh"):
                 points = simulator.surface(obstacle.name).reshape(-1, 3)

@@ -22,7 +22,7 @@ from dlo_sim import __version__
 from dlo_sim.core.arguments import count, number, numbers
 from dlo_sim.core.npz import NpzUnreadable, read_npz
 from dlo_sim.process.atomic_output import write_atomically
-from dlo_sim.scene.description import Scene, scene_from_values, scene_values
+from dlo_sim.scene.description import Obstacle, Scene, scene_from_values, scene_values
 from dlo_sim.scene.needs import Needs
 from dlo_sim.scene.refusal import SceneError, brief, one_line
 from dlo_sim.simulation.resolution import continued
@@ -63,6 +63,7 @@ def save_state(path: Path, state: Snapshot) -> None:
         "remainder": state.remainder,
         "needs": dataclasses.asdict(state.needs),
         "origin": state.origin.tolist(),
+        "added": [dataclasses.asdict(obstacle) for obstacle in state.scene.added],
         "geometries": {
             name: [*(getattr(one, vector).tolist() for vector in _VECTORS), one.u]
             for name, one in state.geometries.items()
@@ -131,10 +132,7 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
     from dlo_sim.simulation.geometry import Geometry  # these import the compiler
     from dlo_sim.simulation.simulator import Snapshot
 
-    plain: dict[str, Any] = {
-        k: tuple(v) if isinstance(v, list) else v for k, v in head["needs"].items()
-    }
-    needs = Needs(**plain)
+    needs = Needs(**_with_tuples(head["needs"]))
     geometries = {}
     for name in scene.holders:
         *vectors, u = head["geometries"][name]
@@ -143,8 +141,9 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
             for (key, size), vector in zip(_VECTORS.items(), vectors, strict=True)
         }
         geometries[name] = Geometry(**shaped, u=None if u is None else number("u", u))
+    added = (Obstacle(**_with_tuples(one)) for one in head["added"])
     taken = (replace(g, taken=geometries[g.name].u is not None) for g in scene.grasps)
-    scene = replace(scene, grasps=tuple(taken))
+    scene = replace(scene, grasps=tuple(taken), added=tuple(added))
     of_inputs, of_state = build_model(scene, needs, geometries).rooms
     return Snapshot(
         scene,
@@ -156,6 +155,10 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
         geometries,
         numbers("origin", head["origin"], (3,)),
     )
+
+
+def _with_tuples(values: dict[str, Any]) -> dict[str, Any]:
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
 
 
 class StateKeeper:

@@ -18,6 +18,7 @@ CAPSULES = "~/capsules"
 CONTACTS = "~/contacts"
 PLAN = "~/plan"
 MEASURED = "~/measured"
+OBSTACLES = "~/obstacles"
 FORECAST = "~/forecast"
 GHOSTS = "~/forecast/ghosts"
 TF = "/tf"
@@ -35,6 +36,7 @@ _POSES = {"pose": cdr.POSE_STAMPED, "two_points": cdr.POSE_ARRAY}
 _LOADS = {"wrench": cdr.WRENCH_STAMPED, "force": cdr.VECTOR3_STAMPED}
 POINT_KINDS = {"point_cloud": cdr.POINT_CLOUD, "pose_array": cdr.POSE_ARRAY}
 _INPUTS = {**_POSES, **_LOADS, **POINT_KINDS, "taken": cdr.BOOL, "plan": cdr.TRAJECTORY}
+_INPUTS["markers"] = cdr.MARKER_ARRAY
 
 
 def output_topics(scene: Scene) -> dict[str, str]:
@@ -65,8 +67,8 @@ class InputTopic(NamedTuple):
 
     Attributes:
         topic: its name as in the scene (`~/...`), or resolved.
-        kind: `pose` or `two_points`, `wrench` or `force`, `taken`, `plan`, or `point_cloud` or
-            `pose_array` of points on the cable.
+        kind: `pose` or `two_points`, `wrench` or `force`, `taken`, `plan`, `markers`, or
+            `point_cloud` or `pose_array` of points on the cable.
         target: name of the end, grasp, obstacle or load; empty if it has none.
     """
 
@@ -98,6 +100,8 @@ def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
     found += [InputTopic(g.taken_topic, "taken", g.name) for g in scene.grasps if g.taken_topic]
     if scene.measured.type != "none":
         found.append(InputTopic(MEASURED, scene.measured.type, ""))
+    if scene.contact.markers:
+        found.append(InputTopic(OBSTACLES, "markers", ""))
     return tuple(found)
 
 

@@ -42,7 +42,7 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import bspline
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT, METHODS
-from dlo_sim.scene.description import PARAMETERS, Scene
+from dlo_sim.scene.description import PARAMETERS, Obstacle, Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.geometry import Pose
@@ -193,6 +193,11 @@ class ErrorEstimate:
     def go_on(self, end: str, motion: EndMotion) -> None:
         """Let new companions continue a motion that the simulator has in progress."""
         self._move(end, motion.rest(self.simulator.time))
+
+    def surround(self, added: tuple[Obstacle, ...]) -> None:
+        """See `Simulator.surround`."""
+        for simulator in self._all():
+            simulator.surround(added)
 
     def take(self, grasp: str, at: float | None = None) -> None:
         """See `Simulator.take`."""

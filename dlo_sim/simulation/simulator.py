@@ -698,15 +698,23 @@ class Simulator:
             TypeError, ValueError: an obstacle as no scene has it, the name of another one, the
                 cable is inside it, or another method; none of them is added.
         """
-        found = self.scene
-        u = np.linspace(0.0, found.cable.length, obstacles.PLACES)
-        line = self.centerline(u)
-        for obstacle in added:
+        found, new = self.scene, tuple(added)
+        for obstacle in new:
             arguments.instance("obstacle", obstacle, Obstacle, "dlo_sim.Obstacle")
             check_added(found, obstacle)
-            obstacles.check_outside(obstacle, found.cable.diameter, u, line)
+            self.check_obstacle(obstacle)
             found = replace(found, added=(*found.added, obstacle))
-        self._surround(found.added)
+        self.surround(found.added)
+
+    def check_obstacle(self, obstacle: Obstacle) -> None:
+        """Refuse an obstacle that the cable is inside of now.
+
+        Raises:
+            SceneError: it is.
+        """
+        diameter, length = self.scene.cable.diameter, self.scene.cable.length
+        u = np.linspace(0.0, length, obstacles.PLACES)
+        obstacles.check_outside(obstacle, diameter, u, self.centerline(u))
 
     def remove_obstacles(self, names: Iterable[str]) -> None:
         """Remove obstacles that `add_obstacles` added; what that takes away is their work.
@@ -716,10 +724,15 @@ class Simulator:
         """
         known = [one.name for one in self.scene.added]
         gone = {arguments.one_of("obstacle", name, known) for name in names}
-        self._surround(tuple(one for one in self.scene.added if one.name not in gone))
+        self.surround(tuple(one for one in self.scene.added if one.name not in gone))
 
-    def _surround(self, added: tuple[Obstacle, ...]) -> None:
-        """Go on with these obstacles beside those of the scene."""
+    def surround(self, added: tuple[Obstacle, ...]) -> None:
+        """Have these obstacles, which are not checked, beside those of the scene: new ones rest at
+        their poses, the others go on as they do.
+
+        Raises:
+            ValueError: the method, or terms.contact, allows none.
+        """
         if added == self.scene.added:
             return
         scene = replace(self.scene, added=added)
@@ -1081,7 +1094,7 @@ class Simulator:
         same ends, grasps and loads. Call it only before the first step.
         """
         arguments.instance("other", other, Simulator, "one that runs")
-        self._surround(other.scene.added)
+        self.surround(other.scene.added)
         points, rates = other.cable.points, other.velocities
         way = other._origin - self._origin
         points[:, :3] += way
@@ -1189,7 +1202,7 @@ class Simulator:
             self.restore(self._initial)
         if self.scene.contact.markers and "contact" not in self._needs:
             far = self._origin + 1e3 * self.scene.cable.length
-            self._surround((Obstacle("ahead", "sphere", position=tuple(far.tolist())),))
+            self.surround((Obstacle("ahead", "sphere", position=tuple(far.tolist())),))
             self._stepper.advance(0, 0)
             self.contacts  # noqa: B018, as the diagnostics read them
             self.restore(self._initial)

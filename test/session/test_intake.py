@@ -157,7 +157,7 @@ def test_every_reason_has_a_test_here():
     tested = {reason for *_, reason in (*WRENCHES.values(), *POSES.values())}
     tested |= {"out_of_order", "too_old", "in_future", "undecodable"}
     tested |= {"bad_points", "no_transform"}  # test_two_points, test_transforms
-    tested |= {"bad_plan", "too_many"}  # test_plans, test_forecaster, test_observer
+    tested |= {"bad_plan", "too_many", "bad_marker"}  # test_plans, test_markers, ...
     assert tested == set(REASONS)
 
 

@@ -1,0 +1,238 @@
+"""Obstacles from markers on ~/obstacles, through a session on the real simulator."""
+
+import math
+import re
+import time
+
+import numpy as np
+import pytest
+from marker_arrays import array, marker
+from session_bench import MS, SECOND, T0
+
+from dlo_sim.scene.loading import scene_from_values
+from dlo_sim.session import cdr
+from dlo_sim.session.diagnostics import Refused
+from dlo_sim.session.intake import Transform
+from dlo_sim.session.saved_state import load_state, save_state
+from dlo_sim.session.session import Session
+
+TOPIC = "/dlo_sim/obstacles"
+LYING = {
+    "cable.length": 0.3,
+    "cable.diameter": 0.006,
+    "cable.youngs_modulus": 2e6,
+    "start.fixed": [False] * 3,
+    "end.position": [0.3, 0.0, 0.0],
+    "discretization.control_points": 9,
+    "damping.mass": 1.0,
+    "integrator.step": 5e-3,
+    "integrator.method": "energy_momentum",
+    "accuracy.estimate": "off",
+    "inputs.latency": 0.05,
+    "contact.friction": 0.5,
+    "contact.stiffness": 5e4,
+    "contact.markers": 3,
+}
+TOP = (0.0, 0.0, -0.03)  # centre of a plate below the cable, which falls while the latency passes
+
+
+def plate(number=0, position=TOP, scale=(1.0, 1.0, 0.02), kind=cdr.CUBE, **changes):
+    """A marker; by default a plate 2 cm below the cable."""
+    return marker(number, position, scale, kind, **changes)
+
+
+def run(session, messages, seconds, begin=0.0, period=5 * MS):
+    """Give messages, (seconds, markers), at their times, with a tick every period; shapes by
+    stamps.
+    """
+    waiting, out = sorted(messages, key=lambda one: one[0]), {}
+    for now in range(T0 + round(begin * SECOND), T0 + round(seconds * SECOND), period):
+        while waiting and waiting[0][0] * SECOND + T0 <= now:
+            at, *markers = waiting.pop(0)
+            stamp = T0 + round(at * SECOND)
+            session.receive(TOPIC, array(stamp, *markers), now)
+        session.tick(now)
+        for message in session.messages((), ["~/control_points"]):
+            out[message.stamp_ns] = message.data
+    return out
+
+
+def session_of(**values):
+    return Session(scene_from_values(LYING | values))
+
+
+def weight(session):
+    return session.simulator.scene.cable.mu * 0.3 * 9.81
+
+
+def drawn(begin, end, speed):
+    """The plate at 10 Hz, which moves along x."""
+    times = np.arange(begin, end, 0.1)
+    return [(t, plate(position=(speed * (t - begin), 0.0, -0.03))) for t in times]
+
+
+def test_a_plate_comes_carries_the_cable_and_goes():
+    session = session_of()
+    assert "contact" not in session.simulator.active_terms
+    run(session, drawn(0.0, 1.5, 0.1), 1.5)
+    simulator = session.simulator
+    assert simulator.contact("cell/0").force[2] == pytest.approx(weight(session), rel=2e-2)
+    place = simulator.end_pose("cell/0")[0][0]
+    assert place == pytest.approx(0.1 * (1.445 - 0.1), abs=1e-6)  # late by one message
+    assert simulator.centerline([0.15])[0, 0] == pytest.approx(0.15 + place, abs=5e-3)  # it bounced
+    np.testing.assert_allclose(simulator.velocities[:, 0], 0.1, atol=1e-4)
+    assert simulator.energy_error < 1e-4
+    run(session, [(1.5, plate(action=cdr.DELETE))], 1.7, begin=1.5)
+    assert "contact" not in simulator.active_terms
+    assert simulator.centerline([0.15])[0, 2] < -0.03
+    assert not session.journal.refused and set(session.journal.events) <= {"slow_newton"}
+
+
+def test_the_same_markers_give_the_same_bits_however_it_ticks():
+    told = [*drawn(0.05, 0.6, 0.2), (0.31, plate(1, (0.1, 0.03, -0.005), (0.03,) * 3, cdr.SPHERE))]
+    told += [(0.45, plate(action=cdr.DELETE_ALL)), (0.5, plate(2))]
+    first, second = (run(session_of(), told, 0.8, period=period) for period in (5 * MS, 20 * MS))
+    shared = first.keys() & second.keys()
+    assert len(shared) > 30 and all(first[stamp] == second[stamp] for stamp in shared)
+
+
+def test_the_error_estimate_knows_them():
+    session = session_of(**{"accuracy.estimate": "on"})
+    run(session, drawn(0.0, 0.8, 0.1), 0.8)
+    values = dict(cdr.decode_diagnostic_array(session.diagnostics(T0 + SECOND))[1][0].values)
+    assert 0.0 < float(values["error estimate [m]"]) < 1e-2  # of the bounces; without, it falls 2 m
+    assert float(values["contact force [N]"]) == pytest.approx(weight(session), rel=0.2)
+
+
+def test_a_state_keeps_them(tmp_path):
+    session = session_of()
+    run(session, drawn(0.0, 0.5, 0.1), 0.5)
+    save_state(tmp_path / "state", session.saved)
+    saved, _ = load_state(tmp_path / "state", session.scene)
+    again = Session(saved.scene, resume=saved)
+    run(again, [(1.1, plate(position=(0.1, 0.0, -0.03)))], 1.5, begin=1.0)
+    simulator = again.simulator
+    assert simulator.contact("cell/0").force[2] == pytest.approx(weight(again), rel=2e-2)
+    assert simulator.end_pose("cell/0")[0][0] == pytest.approx(0.1)
+    again.reset()
+    run(again, [], 1.6, begin=1.5)
+    assert not again.simulator.scene.bodies
+
+
+def test_they_live_as_long_as_they_say_and_go_all_at_once():
+    session = session_of()
+    run(
+        session,
+        [
+            (0.0, plate(0, lifetime=0.2), plate(1, (0.0, 0.5, 0.0))),
+            (0.1, plate(0, lifetime=0.2)),
+        ],
+        0.3,
+    )
+    assert [one.name for one in session.simulator.scene.added] == ["cell/0", "cell/1"]
+    run(session, [], 0.4, begin=0.3)
+    assert [one.name for one in session.simulator.scene.added] == ["cell/1"]
+    run(session, [(0.4, plate(0, action=cdr.DELETE_ALL), plate(2))], 0.5, begin=0.4)
+    assert [one.name for one in session.simulator.scene.added] == ["cell/2"]
+    run(session, [(0.5, plate(2, scale=(0.5, 0.5, 0.02)))], 0.6, begin=0.5)  # another size
+    assert session.simulator.scene.added[0].size == (0.5, 0.5, 0.02)
+
+
+@pytest.mark.parametrize(
+    ("reason", "detail", "changes"),
+    [
+        ("bad_marker", "scale .* of a sphere that is not round", {"kind": cdr.SPHERE}),
+        ("bad_marker", "of a cylinder that is not round", {"kind": 3, "scale": (0.1, 0.2, 0.1)}),
+        ("bad_marker", r"scale \[0, 1, 1\]; give lengths above 0 m", {"scale": (0.0, 1.0, 1.0)}),
+        ("bad_marker", "type 9 is no obstacle; give CUBE", {"kind": 9}),
+        ("bad_marker", "type 11 is no obstacle", {"kind": cdr.TRIANGLE_LIST}),
+        ("bad_marker", "action 7; give ADD", {"action": 7}),
+        ("bad_marker", "namespace of 302 letters", {"ns": "a" * 300}),
+        ("not_finite", "nan", {"position": (0.0, math.nan, 0.0)}),
+        ("not_finite", "inf", {"scale": (0.1, math.inf, 0.1)}),
+        ("bad_quaternion", r"orientation \[0, 0, 0, 0\]", {"turn": (0.0,) * 4}),
+        ("too_large", "position", {"position": (1e9, 0.0, 0.0)}),
+        ("unknown_frame", "frame_id 'camera', known: world", {"frame": "camera"}),
+    ],
+)
+def test_bad_ones_are_refused_in_one_line_and_the_others_used(fallen, reason, detail, changes):
+    record = fallen.journal.topics[TOPIC]
+    refused, accepted = record.refused[reason], record.accepted
+    stamp = T0 + SECOND + accepted * 10 * MS
+    fallen.receive(TOPIC, array(stamp, plate(0), plate(1, **changes)), stamp)
+    assert (record.refused[reason], record.accepted) == (refused + 1, accepted + 1)
+    line = record.last_refusal
+    assert line.startswith(f"{reason}: 1 of 2 markers, the first is ") and "\n" not in line
+    assert detail in line or re.search(detail, line)
+
+
+@pytest.fixture(scope="module")
+def fallen():
+    """A session on a plate."""
+    session = session_of()
+    run(session, drawn(0.0, 0.1, 0.0), 0.3)
+    return session
+
+
+def test_ten_thousand_at_once_are_refused_unread(fallen):
+    raw = array(T0 + 2 * SECOND, *[plate(k) for k in range(8)])
+    raw = raw[:4] + (10_000).to_bytes(4, "little") + raw[8:] * 1250
+    record, began = fallen.journal.topics[TOPIC], time.process_time()
+    fallen.receive(TOPIC, raw, T0 + 2 * SECOND)
+    assert time.process_time() - began < 0.1
+    assert record.last_refusal == (
+        f"too_many: 10000 markers in {len(raw)} bytes, 7 at most are used; publish "
+        "visualization_msgs/msg/MarkerArray"
+    )
+    fallen.tick(T0 + 2 * SECOND)
+    assert fallen.simulator.centerline([0.15])[0, 2] == pytest.approx(-0.017, abs=2e-3)
+
+
+def test_what_cannot_be_had_is_counted():
+    """Too many, one in the cable, one that jumps; the others are there, and it goes on."""
+    session = session_of()
+    far = [plate(k, (0.0, k, 0.0)) for k in range(1, 4)]
+    run(session, [(0.0, plate(0), *far)], 0.1)
+    assert session.journal.events["not_added"] == 1
+    assert "cell/3: not added beyond contact.markers 3" in session.journal.last_event
+    inside = plate(2, (0.1, 0.0, -0.01), (0.1,) * 3, cdr.SPHERE)
+    run(session, [(0.1, plate(2, action=cdr.DELETE)), (0.11, inside)], 0.2, begin=0.1)
+    assert "cell/2.position: the cable begins 0.0" in session.journal.last_event
+    run(session, [(0.2, plate(1, (0.0, 9.0, 0.0)))], 0.3, begin=0.2)
+    events = session.journal.events
+    assert (events["not_added"], events["jumped"]) == (2, 1)
+    assert "cell/1: a marker is 8 m away after 0.2 s, inputs.max_speed is 20 m/s" in (
+        session.journal.last_event
+    )
+    simulator = session.simulator
+    assert simulator.end_pose("cell/1")[0][1] == 1.0
+    assert [one.name for one in simulator.scene.added] == ["cell/0", "cell/1"]
+    assert simulator.centerline([0.15])[0, 2] == pytest.approx(-0.017, abs=2e-3)
+
+
+class Camera:
+    """A frame that is known late."""
+
+    known = False
+
+    def lookup(self, frame, stamp_ns):
+        if not self.known:
+            raise Refused("no_transform", f"frame_id '{frame}': not yet")
+        return Transform(0, (1.0, 2.0, 3.0), (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)))
+
+    def clear(self):
+        pass
+
+
+def test_frames_are_looked_up():
+    camera = Camera()
+    session = Session(scene_from_values(LYING | {"inputs.tf": True}), transforms=camera)
+    there = plate(0, (-2.0, 1.0, -3.1), frame="camera")
+    session.receive(TOPIC, array(T0, there), T0)
+    session.tick(T0)
+    assert session.journal.topics[TOPIC].accepted == 0
+    camera.known = True
+    run(session, [], 0.1, begin=0.005)
+    position, orientation = session.simulator.end_pose("cell/0")
+    np.testing.assert_allclose(position, [0.0, 0.0, -0.1], atol=1e-12)
+    assert abs(orientation[2]) == pytest.approx(math.sqrt(0.5))
