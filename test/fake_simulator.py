@@ -41,6 +41,8 @@ class Simulated(Protocol):
     @property
     def contacts(self) -> dict[str, Any]: ...
     @property
+    def slides(self) -> dict[str, Any]: ...
+    @property
     def warnings(self) -> tuple[str, ...]: ...
     @property
     def greville(self) -> Array: ...
@@ -80,6 +82,7 @@ class FakeSimulator:
         self.active_terms: tuple[str, ...] = ("stretch",)
         self.left_out = {"twist": "fake"}
         self.contacts: dict[str, Any] = {}
+        self.slides: dict[str, Any] = {}
         self.warnings: tuple[str, ...] = ()
         self.fail_at: int | None = None
         self.folds_at: int | None = None  # step after which the shape is reported as a fold

@@ -34,7 +34,7 @@ _ARRAYS = ("time", *_SHAPES, "energy")
 _REPORT = (
     *("status", "message", "simulated_s", "wall_s", "compile_s", "steps", "step_s", "method"),
     *("choice", "resolution", "force_evaluations", "real_time_factor", "energy_error_max"),
-    *("error_estimate", "advice", "active_terms", "left_out", "notes", "contacts"),
+    *("error_estimate", "advice", "active_terms", "left_out", "notes", "contacts", "slides"),
 )
 
 HELP = "run a scene without ROS and record it"
@@ -127,6 +127,13 @@ def _print_report(scene: str, output: Path | None, recording: "Recording") -> No
             for name, one in recording.contacts.items()
         ]
         rows["contact"] = "\n".join(lines)
+    if recording.slides:
+        lines = [
+            f"{name}: holds {one['u']:.6g} m, tension {one['before']:.3g} N before, "
+            f"{one['after']:.3g} N after it"
+            for name, one in recording.slides.items()
+        ]
+        rows["slides"] = "\n".join(lines)
     rows |= error_rows(recording.error_estimate, recording.advice)
     if recording.notes:
         rows["note"] = "\n".join(recording.notes)

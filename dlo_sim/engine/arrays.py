@@ -42,6 +42,7 @@ BORDERED = 1 << 16  # a place between control points may be held (`engine.band`)
 LOADED = 1 << 17  # wrenches may act
 SPRUNG = 1 << 18  # springs may hold the cable
 MESHED = 1 << 24  # obstacles may be triangle meshes
+SLIDING = 1 << 25  # grasps may let the cable slide
 
 # Of the terms that `scene.description.TERMS` and `scene.needs` know by a name.
 BITS = {
@@ -152,6 +153,15 @@ class Rows(Group):
     xi = Reals("rows")  # local coordinate of a roll spring
 
 
+class Slides(Group):
+    """Grasps that let the cable slide (`engine.sliding`)."""
+
+    count = Whole()
+    grasp = Wholes("slides")
+    law = Reals("slides", 4)  # `sliding.STIFFNESS` to GRIP
+    breaks = Reals("n")  # material coordinates of the ends of the knot spans [m]
+
+
 class Loads(Group):
     """Places of point wrenches."""
 
@@ -211,6 +221,8 @@ class State(Group):
     rates_before = Reals("rigid")  # target rates of the last velocity correction (`rattle`)
     anchor = Reals("springs")  # target of each spring
     anchor_counted = Reals("springs")  # targets up to which the account has the work
+    slide = Reals("slides")  # material coordinate that it holds [m], or `sliding.LOST`
+    slide_pose = Reals("slides", 12)  # of its gripper at the start and the end of a step, by line
     frame_turn = Reals("frame_grasps")  # lag of the frame of theta behind the grasp's [rad]
     matrix = Reals("unknowns", "width")  # LU factors of the last Newton matrix
     energy = Reals(len(ENERGIES))  # potential energies [J]
@@ -264,6 +276,7 @@ class Work(Group):
     ahead = Reals("rigid", 3)  # directions at a requested time
     system = Reals("rigid", "rigid")  # S
     multipliers = Reals("rigid")  # S^-1 times `rates`
+    slid = Reals("slides")  # material coordinates at the end of the step
     energies = Reals(len(ENERGIES) + 1)  # by term; last the sum of |summands| of the weight
     results = Numbers(
         "kinetic",  # [J]
@@ -355,6 +368,7 @@ class CableArrays(Group):
     linear: Linear
     points: Points
     rows: Rows
+    slides: Slides
     loads: Loads
     contact: Contact
     length_gram = Reals("constraints", 16)  # of an inextensible cable: 4 x 4 matrix of each

@@ -6,7 +6,15 @@ ones, whose functions do nothing for a cable without the term. A new term is add
 from __future__ import annotations
 
 from dlo_sim.compiling.pieces import part
-from dlo_sim.engine import bishop, contact, drag, natural_curvature, plasticity, torsion
+from dlo_sim.engine import (
+    bishop,
+    contact,
+    drag,
+    natural_curvature,
+    plasticity,
+    sliding,
+    torsion,
+)
 from dlo_sim.engine.arrays import BISHOP, PLASTICITY
 from dlo_sim.engine.elastic import add_tangent, discrete_force
 from dlo_sim.engine.forces import energies, forces
@@ -20,6 +28,7 @@ def all_forces(cable, x, out):
     torsion.force(cable, x, x, out)
     bishop.force(cable, x, x, out)
     contact.add_elastic_force(cable, x, out)
+    sliding.slide_force(cable, x, out)
 
 
 @part
@@ -31,6 +40,7 @@ def all_energies(cable, x, out):
     bishop.energy(cable, x, out)
     plasticity.energy(cable, x, out)
     contact.energy(cable, x, out)
+    sliding.slide_energy(cable, x, out)
 
 
 @part

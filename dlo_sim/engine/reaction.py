@@ -6,9 +6,10 @@ from numba import int64, void
 
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, part, piece
-from dlo_sim.engine.arrays import cable_at
+from dlo_sim.engine.arrays import SLIDING, cable_at
 from dlo_sim.engine.bishop import edge, span_tangent
 from dlo_sim.engine.grasps import component
+from dlo_sim.engine.sliding import END, LOST, STIFFNESS, TURNING, basis_at, gaps
 from dlo_sim.engine.springs import rolls, row_of, spring_stiffness, spring_value
 
 
@@ -46,6 +47,7 @@ def add_wrench(address, grasp, rows, points, about, out):
     given, points, about, out = grid(rows), grid(points), grid(about), grid(out)
     add_row_forces(cable, grasp, given, points, about, out)
     add_spring_forces(cable, grasp, points, about, out)
+    add_slide_forces(cable, grasp, points, about, out)
 
 
 @part
@@ -82,3 +84,21 @@ def add_spring_forces(cable, grasp, points, about, out):
             add_moment(cable, f, span_tangent(cable, x, first, rows.xi[row]), out)
         else:
             add_force(weights, points, first, f, cable.axes[rows.line[row]], about, out)
+
+
+@part
+def add_slide_forces(cable, grasp, points, about, out):
+    """The part of a grasp that slides in `add_wrench`."""
+    if cable.terms & SLIDING == 0:
+        return
+    for k in range(cable.slides.count):
+        u = cable.state.slide[k]
+        if cable.slides.grasp[k] != grasp or u == LOST:
+            continue
+        basis, law = basis_at(cable, u), cable.slides.law[k]
+        a, b = gaps(cable, k, END, basis, cable.state.x)
+        for d in range(cable.dim):
+            f, axis = -law[STIFFNESS] * component(a, d), cable.axes[d]
+            add_force(basis[1], points, basis[0], f, axis, about, out)
+            f = -law[TURNING] * component(b, d)
+            add_force(basis[2], points, basis[0], f, axis, about, out)

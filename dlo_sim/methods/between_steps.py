@@ -58,6 +58,7 @@ from dlo_sim.engine.rows import (
     through_inverse,
 )
 from dlo_sim.engine.sampling import velocities
+from dlo_sim.engine.sliding import jump_slides, slide_tangent
 from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.works import NATURAL, evaluate, turn_natural_shape
 
@@ -152,6 +153,7 @@ def stiffness(address):
     if cable.terms & CONTACT:
         contact.add_tangent(cable, 0.0, NO, x, x, 2.0, band)
     add_springs(cable, 1.0, band)
+    slide_tangent(cable, NO, x, x, 2.0, band)
 
 
 @piece(void, int64)
@@ -291,6 +293,7 @@ def jump(address, t):
     cable = cable_at(address)
     carry(cable, cable.state.x, cable.state.w, t, 0.0)
     move_anchors(cable, t)
+    jump_slides(cable, t)
 
 
 @piece(void, int64, NATURAL, ARRAY)

@@ -43,6 +43,7 @@ from dlo_sim.engine.arrays import (
     METHOD,
     MOST_CORRECTIONS,
     PADDING,
+    SLIDING,
     STATIC_TWIST,
 )
 from dlo_sim.engine.assembly import (
@@ -86,6 +87,15 @@ from dlo_sim.engine.rows import (
     through_inverse,
     turns,
     values_along,
+)
+from dlo_sim.engine.sliding import (
+    END,
+    START,
+    accept_slides,
+    move_slides,
+    settle_slides,
+    slide_tangent,
+    step_slides,
 )
 from dlo_sim.engine.springs import (
     accept_anchors,
@@ -221,6 +231,7 @@ def move_to_targets(cable, t0, tau):
     for k in range(cable.rows.count):
         pin(cable, k, work.targets[k], state.x)
     move_anchors(cable, t0 + tau)
+    move_slides(cable, t0 + tau)
 
 
 @piece(void, CABLE, float64, float64)
@@ -259,6 +270,7 @@ def undo_step(cable):
     copy_entries(work.old_direction, state.direction)
     copy_entries(work.old_inverse, state.inverse)
     restore_anchors(cable)
+    settle_slides(cable, START, END)
     if cable.terms & CONTACT:
         contact.undo(cable)
     state.balance.known = 0.0
@@ -295,6 +307,7 @@ def step_force(cable, t0, tau, discrete):
     if cable.terms & CONTACT:
         contact.add_force(cable, 1.0, 1.0 / tau, np.inf, YES, work.start, cable.state.x, force)
     spring_force(cable, middle, 0.5, NO, force)
+    lost += step_slides(cable, work.start, cable.state.x, force)
     if cable.loads.count:
         load_force(cable, middle, t0 + 0.5 * tau, work.load)
         add(1.0, work.load, force)
@@ -359,6 +372,7 @@ def newton_matrix(cable, t0, tau, a, discrete):
     if cable.terms & CONTACT:
         contact.add_tangent(cable, 1.0 / tau, YES, work.start, state.x, 1.0, matrix)
     add_springs(cable, 0.5, matrix)
+    slide_tangent(cable, YES, work.start, state.x, 1.0, matrix)
     add_load_stiffness(cable, middle, t0 + 0.5 * tau, 0.5, matrix)
     hold(cable, work.middle_direction, state.direction, matrix)
     stiffen_border(cable, matrix)
@@ -626,6 +640,7 @@ def finish_step(cable, t0, tau, whole, lost):
     driven += anchor_work(cable, work.start, state.x)
     balance.drive_work += driven + roll_loss(cable, change)[1]
     accept_anchors(cable)
+    accept_slides(cable, work.start, state.x)
     for k in range(cable.rows.count):
         state.reaction[k] += tau / whole * work.row_force[k]
     balance.has_reaction = 1.0
@@ -700,7 +715,7 @@ def try_step(cable, method, t0, tau, whole, careful):
     begin_step(cable, t0, tau)
     reach = largest(cable, cable.state.x)  # scale of the round-off of corrections
     moves = grasps_move(cable)
-    coupled = cable.terms & BISHOP != 0
+    coupled = cable.terms & (BISHOP | SLIDING) != 0
     converged = False
     iterations = 0
     previous = np.inf

@@ -509,6 +509,12 @@ class Grasp(Holder):
             is updated. Empty = only the parameter and the services do this.
         clamped: The gripper also holds the direction of the cable (not its roll, see `roll`); needs
             all three axes fixed.
+        slides: The cable can slide through the gripper, which holds it across, and its direction by
+            `tangent_spring`; what resists is friction. It then moves along the cable, and loses it
+            at an end.
+        friction: Coefficient of friction of a gripper that slides; auto (-1) = contact.friction.
+        grip: Force with which the jaws of a gripper that slides press on the cable, all together:
+            it slides where a force along it exceeds friction (grip + force across).
         roll: The gripper also holds the roll, by a stiff spring: one revolution of twist over the
             length of the cable turns it by less than 0.001 rad; needs the direction held.
     """
@@ -519,6 +525,9 @@ class Grasp(Holder):
     taken_topic: str = parameter("", read_only=True)
     clamped: bool = parameter(False)
     roll: bool = parameter(False)
+    slides: bool = parameter(False)
+    friction: float = parameter(-1.0, "", (0.0, 100.0), auto=-1.0)
+    grip: float = parameter(0.0, "N", (0.0, 1.0e6))
 
     @property
     def holds_roll(self) -> bool:
@@ -1074,7 +1083,8 @@ TERMS = (
     Term(
         "springs",
         needed=lambda scene: any(
-            any(one.spring) or one.tangent_spring for one in scene.holders.values()
+            any(one.spring) or one.tangent_spring or (isinstance(one, Grasp) and one.slides)
+            for one in scene.holders.values()
         ),
         absent="no end hangs on a spring",
     ),
@@ -1214,6 +1224,13 @@ RESTRICTIONS = (
         "contact.damping",
         lambda scene: max(scene.contact.damping, 0.0) if scene.touches else 0.0,
         why=_BOUNCING,
+    ),
+    Restriction(
+        FORWARD,
+        "slides",
+        lambda scene: next((f"of grasp {one.name}" for one in scene.grasps if one.slides), ""),
+        off="false",
+        why=", since its steps cannot let the cable slide",
     ),
     Restriction(
         FORWARD,
@@ -1468,6 +1485,17 @@ def _holder(name: str, end: Holder, length: float) -> Iterator[tuple[str, str]]:
     if isinstance(end, Grasp) and end.roll and end.roll_spring:
         cure = f"remove it, or set {name}.roll: false"
         yield "roll_spring", f"N m/rad would do nothing beside {name}.roll: true; {cure}"
+    if isinstance(end, Grasp) and end.slides:
+        if end.clamped:
+            cure = f"set {name}.clamped: false; tangent_spring holds the direction"
+            yield "slides", f"is not possible with a clamp; {cure}"
+        if end.holds_roll:
+            yield "slides", f"is not possible where the roll is held; remove {name}.roll"
+        if not all(end.fixed):
+            yield "slides", f"needs {name}.fixed: [true, true, true] (it is {shown(end.fixed)})"
+    elif isinstance(end, Grasp) and (end.grip or end.friction >= 0.0):
+        cure = f"set {name}.slides: true, or remove it"
+        yield "grip" if end.grip else "friction", f"does nothing for a cable held fast; {cure}"
     if end.jaw > length:
         yield "jaw", f"m is longer than the cable, {length:g} m; shorten the jaw"
     if end.jaw and not end.clamped:

@@ -63,6 +63,7 @@ EVENTS: dict[str, str] = {
     "not_added": "an obstacle was not added: the cable is inside it, or there are contact.markers",
     "jumped": "an obstacle would have to move faster than inputs.max_speed; it stays where it is",
     "not_taken": "a gripper was to take the cable where it is already held",
+    "slipped_out": "the end of the cable has slipped out of a grasp that slides",
     "load_removed": "no message for the load's timeout; the load was removed",
     "time_skipped": "the simulation could not keep up; simulated time was skipped",
     "reset": "reset was called",

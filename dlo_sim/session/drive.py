@@ -213,6 +213,7 @@ class Drive:
             if not report.status.advanced:
                 return Advance(self.simulator.steps - begin, failure=report.message, slow=slow)
             self.unresolved = self.unresolved or report.message
+            self._note_slipped_out()
         # A state between two motions belongs to the later one (velocities agree, accelerations do
         # not), so outputs of this state need that motion if it is known.
         self._renew_motions(grid, silence_ns)
@@ -409,6 +410,13 @@ class Drive:
                 self._note("not_taken", str(refusal))
             else:
                 self.scene, self._rebuilt = _with_taken(self.scene, {name: told[name]}), True
+
+    def _note_slipped_out(self) -> None:
+        """Note the grasps out of which the cable has slipped."""
+        for grasp in self.scene.grasps:
+            if grasp.slides and grasp.taken and self.simulator.held_at(grasp.name) is None:
+                self.scene, self._rebuilt = _with_taken(self.scene, {grasp.name: False}), True
+                self._note("slipped_out", f"grasp {grasp.name}: the cable has slipped out of it")
 
     def _continue_motions(self, old_grid: StepGrid, old: Simulator) -> None:
         """Put a new simulator, which is at its time 0, on a new grid and continue the motions of

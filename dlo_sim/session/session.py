@@ -491,6 +491,7 @@ class Session:
             ("energy [J]", f"{energy.total:.9g}"),
             ("kinetic energy [J]", f"{energy.kinetic:.9g}"),
             *_contact_values(simulator),
+            *((f"{name} holds [m]", f"{one.u:.6g}") for name, one in simulator.slides.items()),
             *self._accuracy.values(),
             ("latency [s]", f"{self._latency.ns * 1e-9:.3f}"),
             ("lag [s]", f"{lag:.3f}"),

@@ -27,6 +27,7 @@ def sizes_of(
     border: int,
     springs: int,
     joints: int,
+    slides: int,
     grasps: int,
     loads: int,
     obstacles: int,
@@ -61,6 +62,7 @@ def sizes_of(
         "border": border,
         "springs": springs,
         "joints": joints,
+        "slides": slides,
         "bordered": border + joints,
         "grasps": grasps,
         "loads": loads,
@@ -102,6 +104,7 @@ def most_sizes(scene: Scene, n: int, samples: int, touches: int) -> dict[str, in
         border=6 * holders,
         springs=7 * holders,  # on three axes, on three components of r', on the twist
         joints=0,
+        slides=sum(grasp.slides for grasp in scene.grasps),
         grasps=holders,
         loads=len(scene.loads),
         obstacles=max(len(scene.bodies), len(scene.obstacles) + scene.contact.markers),

@@ -26,7 +26,8 @@ from dlo_sim.simulation.model import Model
 Array = NDArray[np.float64]
 VOID = bspline.DEGREE  # knot spans between two branches
 HELD = bits.BORDERED | bits.SPRUNG  # terms of what holds a branch
-ALONG = bits.BISHOP | bits.TORSION  # terms that follow the cable from one end to the other
+# Terms that follow the cable from one end to the other, or slide along it.
+ALONG = bits.BISHOP | bits.TORSION | bits.SLIDING
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,8 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
 
     Raises:
         ValueError: branches of different lines, terms or samples, with terms that follow a cable
-            from one end to the other (twist against the Bishop frame, Frenet torsion), or
-            inextensible ones.
+            from one end to the other (twist against the Bishop frame, Frenet torsion) or slide
+            along it, or inextensible ones.
     """
     first = models[0]
     for model in models:
@@ -64,7 +65,8 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
             raise ValueError("branches: need the same lines, terms, and samples in a span")
     if first.has(ALONG) or first.arrays.sizes["constraints"]:
         raise ValueError(
-            "branches: twist against a frame, and inextensible cables, are not available"
+            "branches: twist against a frame, grasps that slide, and inextensible cables are not "
+            "available"
         )
     starts = np.cumsum([0, *(model.n for model in models)]).tolist()
     holding = _all_held(models, joints, starts)
@@ -79,6 +81,7 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
         border=holding.border,
         springs=len(holding.springs),
         joints=holding.joints,
+        slides=0,
         grasps=sum(model.arrays.sizes["grasps"] for model in models),
         loads=sum(model.arrays.sizes["loads"] for model in models),
         obstacles=first.arrays.sizes["obstacles"],

@@ -51,6 +51,7 @@ def build_model(
         border=holding.border,
         springs=len(holding.springs),
         joints=holding.joints,
+        slides=len(holding.slides),
         grasps=len(geometries),
         loads=len(scene.loads) if "loads" in needs else 0,
         obstacles=len(scene.bodies) * ("contact" in needs),
@@ -127,7 +128,8 @@ def _terms(scene: Scene, needs: Needs, curved: bool, holding: Holding) -> int:
 def terms_of_holding(holding: Holding) -> int:
     """Bits of what holds the cable: places between control points, springs."""
     bordered = holding.border > 0 or holding.joints > 0
-    return bits.BORDERED * bordered | bits.SPRUNG * (len(holding.springs) > 0)
+    sprung, sliding = len(holding.springs) > 0, len(holding.slides) > 0
+    return bits.BORDERED * bordered | bits.SPRUNG * sprung | bits.SLIDING * sliding
 
 
 FEWEST_WITH_ENDS = 3  # Gauss points a span from which one may move to an end without harm
@@ -193,6 +195,7 @@ class _Filling:
             rows = [point.twist == twist for point in model.holding.points]
             shifts[rows] = model.mass_solutions(values[rows], twist)
         fill_rows(model, values, shifts)
+        self._slides()
         if inextensible(scene):
             self._arrays.length_gram[:] = constraint_gram(model.knots).reshape(-1, 16)
         self._loads()
@@ -252,6 +255,13 @@ class _Filling:
             self._matrix(linear.damping[kind], alpha * band + (0.0 if kind else drag))
         linear.decay[: len(self._axes)] = centerline
         linear.decay[len(self._axes) :] = alpha
+
+    def _slides(self) -> None:
+        slides, held = self._arrays.slides, self._model.holding.slides
+        slides.count = len(held)
+        slides.breaks[: self._model.n - 2] = bspline.breaks(self._model.knots)
+        for k, slide in enumerate(held):
+            slides.grasp[k], slides.law[k] = slide.grasp, slide.law
 
     def _loads(self) -> None:
         loads, knots = self._arrays.loads, self._model.knots

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from dlo_sim.compiling.groups import aligned_zeros, numbers_of
 from dlo_sim.compiling.pieces import Piece
-from dlo_sim.engine import contact
+from dlo_sim.engine import contact, sliding
 from dlo_sim.engine.arrays import (
     BISHOP,
     CONTACT,
     DAMPED,
     MATERIAL,
     PLASTICITY,
+    SLIDING,
     Inputs,
     State,
     Work,
@@ -50,6 +51,7 @@ class Cable:
     def __init__(self, model: Model) -> None:
         self._left_out = 0  # bits of terms that the method leaves out
         self._allocate(model)
+        self._begin_slides()
         self._touch({})
         self.arrays.state.near[:] = 1.0
         self.place_obstacles(0.0)
@@ -89,6 +91,7 @@ class Cable:
             self._allocate(model)
             self.motion[:] = motion
             self.loads[: len(loads)] = loads[: len(self.loads)]
+        self._begin_slides()
         for array, values in zip(self._lasting, kept, strict=True):
             array[...] = values
         self._touch(touched)
@@ -112,6 +115,9 @@ class Cable:
                 if obstacle in before:
                     self.obstacles[k], kept = before[obstacle]
                     bristles[k] = resampled(kept, bristles.shape[2] - 1)
+
+    def _begin_slides(self) -> None:
+        self.slides[:] = [slide.u for slide in self.model.holding.slides]
 
     @property
     def _lasting(self) -> tuple[Array, ...]:
@@ -174,6 +180,11 @@ class Cable:
         return self.arrays.state.anchor
 
     @property
+    def slides(self) -> Array:
+        """Material coordinates [m] of the grasps that slide, or `sliding.LOST`, a view."""
+        return self.arrays.state.slide
+
+    @property
     def frame_turn(self) -> Array:
         """Angle by which the Bishop frame lags behind each grasp [rad], a view of shape (grasps,);
         empty if twist is not measured against a Bishop frame.
@@ -228,6 +239,11 @@ class Cable:
     def point_grasps(self, t: float) -> None:
         """Set the directions of the constraint rows to those of the grasps at time t."""
         self.call(between_steps.turn_to, t)
+
+    def put_slides(self, t: float) -> None:
+        """Put the grippers of the grasps that slide to where they are at time t."""
+        if self.model.has(SLIDING):
+            self.call(sliding.put_slides, t)
 
     def place_obstacles(self, t: float) -> None:
         """Set the poses of the obstacles at time t."""

@@ -142,7 +142,7 @@ class EndDrive:
         self._write(end, EndMotion.resting(position, orientation))
 
     def pull_springs(self, cable: Cable, t: float) -> None:
-        """Let the springs of a cable pull to where the end effectors are at time t."""
+        """Let what gives pull a cable to where the end effectors are at time t."""
         model, names = cable.model, list(self._rows)
         for k, spring in enumerate(model.holding.springs):
             target = self.place_at(names[spring.grasp], t)
@@ -150,6 +150,7 @@ class EndDrive:
                 target = self.tangent(names[spring.grasp], t)
             cable.anchors[k] = target[model.columns[spring.line]]
         cable.arrays.state.anchor_counted[:] = cable.anchors
+        cable.put_slides(t)
 
     def place(
         self,

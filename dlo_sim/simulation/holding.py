@@ -4,7 +4,7 @@ At an end, each fixed axis is a row of the end's control point. A clamp adds the
 neighbouring control point normal to the tangent (its distance along the tangent stays free), and
 the twist. A grasp between control points has rows of the same kind with four basis values: fixed
 axes hold sum_k b_k x_k, a clamp the components of r' = sum_k b'_k x_k normal to its tangent. A
-spring holds such a position, r' or the twist through a stiffness.
+spring holds such a position, r' or the twist through a stiffness. A grasp that slides is neither.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, rotations
-from dlo_sim.scene.description import Grasp, Holder, Scene
+from dlo_sim.scene.description import EARTH, Grasp, Holder, Scene
 from dlo_sim.scene.needs import inextensible
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.geometry import Geometries, Geometry
@@ -27,6 +27,7 @@ RIGID = 1e4  # stiffness of a roll held without a spring, in torsional stiffness
 # apart, of clamps 60 %. What holds nearer places stretches whole spans by what it moves relative to
 # each other: 1 mm apart on spans of 10 cm and moved apart by 3 mm, to three times their length.
 LEAST_APART = 0.02
+SLIDE_DEPTH = 0.01  # of the diameter
 
 
 Weights = tuple[float, float, float, float]
@@ -79,15 +80,29 @@ class Row:
     xi: float = 0.0
 
 
+@dataclass(frozen=True)
+class Slide:
+    """A grasp that lets the cable slide (`engine.sliding`).
+
+    Attributes:
+        u: material coordinate that it holds first [m]. law: k, k_t, mu and grip.
+    """
+
+    grasp: int
+    u: float
+    law: tuple[float, float, float, float]
+
+
 @dataclass
 class Holding:
     """Held points and constraint rows: rigid ones, those between control points last; and springs,
-    those between branches first. Grasp g is the g-th of `Scene.holders`.
+    those between branches first; and what slides. Grasp g is the g-th of `Scene.holders`.
     """
 
     points: list[Point] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
     springs: list[Row] = field(default_factory=list)
+    slides: list[Slide] = field(default_factory=list)
 
     def hold(self, point: Point) -> int:
         """Add a point; returns its index."""
@@ -150,6 +165,9 @@ def holding_of(
         geometry, is_end = geometries[name], name in scene.ends
         if geometry.u is None:
             continue
+        if isinstance(holder, Grasp) and holder.slides:
+            holding.slides.append(Slide(grasp, geometry.u, law_of_slide(holder, scene)))
+            continue
         if is_end:
             spot, beside = (own_point(i if name == "start" else n - 1 - i, n) for i in (0, 1))
         else:
@@ -180,6 +198,19 @@ def holding_of(
                 directions.append(Row(point, grasp, len(axes), stiffness=roll, xi=xi))
     holding.springs += directions + between
     return holding
+
+
+def law_of_slide(grasp: Grasp, scene: Scene) -> tuple[float, float, float, float]:
+    """k [N/m], k_t [N m/rad], mu and grip [N] of a grasp that slides (`engine.sliding`).
+
+    k is such that neither the weight of the cable, nor a tension that stretches it by 0.1 %, moves
+    it out of the gripper by more than 1 % of its diameter.
+    """
+    cable = scene.cable
+    weight, pull = cable.mu * EARTH * cable.length, 1e-3 * cable.EA
+    stiffness = max(weight, pull) / (SLIDE_DEPTH * cable.diameter)
+    friction = scene.contact.friction if grasp.friction < 0.0 else grasp.friction
+    return stiffness, grasp.tangent_spring, friction, grasp.grip
 
 
 def stiffness_of_roll(holder: Holder, scene: Scene) -> float:

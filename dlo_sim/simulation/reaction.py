@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_sim.core import bspline
 from dlo_sim.engine.reaction import add_wrench
 from dlo_sim.methods import rattle
 from dlo_sim.simulation.cable import Cable
@@ -25,17 +26,20 @@ def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Array:
     if not cable.account.has_reaction:
         rows = _held_with_constraints(cable, t) if keeps_length else cable.held_force(t)
     points = cable.points
-    about = points[-grasp, :3] if grasp < 2 else _place_of(cable.model, grasp, points)
+    about = points[-grasp, :3] if grasp < 2 else _place_of(cable.model, grasp, points, cable.slides)
     wrench = np.zeros(6)
     cable.call(add_wrench, grasp, rows, points, about, wrench)
     return wrench
 
 
-def _place_of(model: Model, grasp: int, points: Array) -> Array:
+def _place_of(model: Model, grasp: int, points: Array, slides: Array) -> Array:
     """Point at which a grasp holds the cable [m], shape (3,).
 
     Zeros if it holds only a direction: its moment is then the same about any point.
     """
+    for slide, u in zip(model.holding.slides, slides, strict=True):
+        if slide.grasp == grasp and u >= 0.0:
+            return np.asarray(bspline.evaluate(points[:, :3], model.knots, [u])[0])
     rows = [*model.holding.rows, *model.holding.springs]
     held = [model.holding.points[row.point] for row in rows if row.grasp == grasp]
     places = [point for point in held if abs(sum(point.weights)) > 0.5]

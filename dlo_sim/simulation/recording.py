@@ -59,6 +59,8 @@ class Recording:
         contacts: obstacle -> `clearance` [m], `force` on the cable (3) [N], largest force per
             length `pressure` [N/m], material coordinates [m] at which the cable `passes` through a
             ring or channel, and `tensions` [N] on both sides, at the end of the run.
+        slides: grasp through which the cable slides -> material coordinate `u` [m] that it holds
+            at the end of the run, tension `before` and `after` it [N].
     """
 
     time: Array
@@ -87,6 +89,7 @@ class Recording:
     left_out: dict[str, str]
     notes: tuple[str, ...] = ()
     contacts: dict[str, dict[str, Any]] = field(default_factory=dict)
+    slides: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @property
     def ok(self) -> bool:
@@ -195,6 +198,7 @@ def record_simulator(
             }
             for name, one in simulator.contacts.items()
         },
+        slides={name: one._asdict() for name, one in simulator.slides.items()},
     )
 
 

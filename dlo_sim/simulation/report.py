@@ -60,6 +60,19 @@ class Report(NamedTuple):
     note: str = ""
 
 
+class Slide(NamedTuple):
+    """A grasp through which the cable slides.
+
+    Attributes:
+        u: material coordinate that it holds now [m]. before, after: tension of the cable a knot
+            span before and after it [N].
+    """
+
+    u: float
+    before: float
+    after: float
+
+
 def explained(status: Status, method: Method) -> str:
     """What happened, with a cure that this method leaves open."""
     if status is Status.DIVERGED and method.family != IMPLICIT:

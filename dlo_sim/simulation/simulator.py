@@ -22,9 +22,10 @@ from dlo_sim.core import arguments, bspline, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT
 from dlo_sim.core.strain import strain
-from dlo_sim.engine.arrays import ENERGIES, MATERIAL, TORSION
+from dlo_sim.engine.arrays import ENERGIES, MATERIAL, SLIDING, TORSION
 from dlo_sim.engine.frames import curve_frames
 from dlo_sim.engine.grasps import ACTIVE, POSITION, START
+from dlo_sim.engine.sliding import LOST
 from dlo_sim.scene.description import Grasp, Obstacle, Scene, check_added
 from dlo_sim.scene.needs import (
     Needs,
@@ -71,6 +72,7 @@ from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import (
     Energy,
     Report,
+    Slide,
     Status,
     UndefinedTorsion,
     balance_warning,
@@ -857,9 +859,44 @@ class Simulator:
             TypeError, ValueError: no grasp, or one that does not hold the cable.
         """
         self._known_grasp(grasp)
-        if self._geometries[grasp].u is None:
+        if self._held_now[grasp].u is None:
             raise ValueError(f"grasp '{grasp}': does not hold the cable; take it before")
-        self._hold(grasp, replace(self._geometries[grasp], u=None))
+        self._hold(grasp, replace(self._held_now[grasp], u=None))
+
+    def held_at(self, grasp: str) -> float | None:
+        """Material coordinate [m] at which a grasp holds the cable now; None: it does not.
+
+        Raises:
+            TypeError, ValueError: no grasp.
+        """
+        self._known_grasp(grasp)
+        return self._held_now[grasp].u
+
+    @property
+    def slides(self) -> dict[str, Slide]:
+        """What slides through which grasp."""
+        found = {}
+        span = self.scene.cable.length / (self.model.n - bspline.DEGREE)
+        for name in [grasp.name for grasp in self.scene.grasps if grasp.slides]:
+            u = self._held_now[name].u
+            if u is not None:
+                beside = np.clip([u - span, u + span], 0.0, self.scene.cable.length)
+                before, after = self.tension(beside).tolist()
+                found[name] = Slide(float(u), before, after)
+        return found
+
+    @property
+    def _held_now(self) -> Geometries:
+        """What holds the cable, at the present material coordinates; a cable that has slipped out
+        of a grasp is not held by it.
+        """
+        if not self.model.has(SLIDING):
+            return self._geometries
+        names, held = list(self.scene.holders), dict(self._geometries)
+        for slide, u in zip(self.model.holding.slides, self.cable.slides, strict=True):
+            geometry = held[names[slide.grasp]]
+            held[names[slide.grasp]] = replace(geometry, u=None if u == LOST else float(u))
+        return held
 
     def _known_grasp(self, name: str) -> Grasp:
         known = [grasp.name for grasp in self.scene.grasps]
@@ -868,7 +905,7 @@ class Simulator:
     def _geometry_taken(self, grasp: str, at: float | None) -> Geometry:
         """How a grasp would hold the cable if it took it now."""
         scene_grasp = self._known_grasp(grasp)
-        if self._geometries[grasp].u is not None:
+        if self._held_now[grasp].u is not None:
             raise ValueError(f"grasp '{grasp}': holds the cable already; release it before")
         share = scene_grasp.at if at is None else arguments.number("at", at, "from -1 to 1")
         if not -1.0 <= share <= 1.0:
@@ -904,7 +941,7 @@ class Simulator:
         Raises:
             SceneError: it holds what is held already.
         """
-        geometries = {**self._geometries, grasp: geometry}
+        geometries = {**self._held_now, grasp: geometry}
         model = self.model
         holding_of(self.scene, geometries, model.knots, model.axes, model.twist)
         return geometries
@@ -1141,7 +1178,7 @@ class Simulator:
         names of the grasps that still have to take the cable.
         """
         held, taking = dict(self._geometries), []
-        theirs = moved(other._geometries, other._origin - self._origin)
+        theirs = moved(other._held_now, other._origin - self._origin)
         for grasp in self.scene.grasps:
             name, before = grasp.name, theirs[grasp.name]
             if grasp.taken and before.u is not None and grasp.at == other.scene.grasp(name).at:
@@ -1223,7 +1260,7 @@ class Simulator:
         if had == has:
             self._needs = needs
         else:
-            self._activate(needs, self._geometries)
+            self._activate(needs, self._held_now)
 
     def _activate(self, needs: Needs, geometries: Geometries) -> None:
         """Go on with other needs or grasps from the present state."""

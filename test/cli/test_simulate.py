@@ -46,6 +46,7 @@ class MadeUp:
     active_terms: tuple = ("bend", "gravity")
     left_out: dict = field(default_factory=lambda: {"twist": "nothing twists"})
     contacts: dict = field(default_factory=dict)
+    slides: dict = field(default_factory=dict)
     notes: tuple = ()
     ok: bool = True
     interrupted: bool = False

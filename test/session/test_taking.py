@@ -111,3 +111,19 @@ def test_other_bytes_are_refused():
         session.receive("/closed", raw, T0)
     assert session.journal.topics["/closed"].refused == {"undecodable": 4}
     assert session.journal.topics["/closed"].last_refusal.endswith("publish std_msgs/msg/Bool")
+
+
+def test_a_cable_that_slips_out_of_a_gripper_is_noted_and_can_be_taken_again():
+    far = [0.25, 0.0, -0.3]  # in the slack of a cable whose end is free
+    slippery = {
+        **HAND,
+        "grasps.hand.slides": True,
+        "grasps.hand.at": 0.98,
+        "end.fixed": [False] * 3,
+    }
+    session = Session(scene_from_values(slippery | {"grasps.hand.position": far}))
+    states = play(session, T0 + 900 * MS, [(T0 - MS, YES), (T0 + 605 * MS, YES)])
+    assert len(states) > 100
+    assert dict(session.journal.events) == {"slipped_out": 1}
+    assert session.scene.grasp("hand").taken  # by the second message
+    assert session.simulator.held_at("hand") == pytest.approx(0.36, abs=0.02)

@@ -1,0 +1,154 @@
+"""Grasps through which the cable slides: known answers, the energy account, and what keeps u."""
+
+import numpy as np
+import pytest
+
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import scene_from_values
+from dlo_sim.scene.refusal import SceneError
+from dlo_sim.simulation.simulator import Simulator
+
+MASS, PRESSED, FRICTION = 0.03, 2.0, 0.3  # [kg/m], [N]
+LYING = {
+    "cable.length": 1.0,
+    "cable.diameter": 0.006,
+    "cable.linear_density": MASS,
+    "cable.axial_stiffness": 2e3,
+    "cable.bending_stiffness": 1e-3,
+    "gravity": [0.0, 0.0, 0.0],
+    "start.fixed": [False] * 3,
+    "end.fixed": [False] * 3,
+    "end.position": [1.0, 0.0, 0.0],
+    "grasps.names": ["guide"],
+    "grasps.guide.slides": True,
+    "grasps.guide.at": 0.5,
+    "grasps.guide.position": [0.5, 0.0, 0.0],
+    "loads.names": ["pull"],
+    "loads.pull.position": 1.0,
+    "initial.shape": "straight",
+    "terms.out_of_plane": "off",
+    "integrator.tolerance": 1e-10,
+    "discretization.control_points": 13,
+}
+PINCHED = LYING | {"grasps.guide.friction": FRICTION, "grasps.guide.grip": PRESSED}
+HUNG = LYING | {
+    "gravity": [0.0, 0.0, -9.81],
+    "start.fixed": [True] * 3,
+    "damping.mass": 4.0,
+    "damping.bend": 1e-2,
+}
+
+
+def scene(values: dict[str, object], **changes: object) -> Scene:
+    """The scene of these values, with changed ones of the guide."""
+    return scene_from_values(values | {f"grasps.guide.{k}": v for k, v in changes.items()})
+
+
+def pulled(force: float, duration: float) -> Simulator:
+    """A cable that lies in a pinching guide, after a pull at its end; a wave to it takes 0.2 ms."""
+    simulator = Simulator(scene(PINCHED | {"cable.axial_stiffness": 2e5}))
+    simulator.set_load("pull", force=[force, 0.0, 0.0])
+    assert simulator.advance(duration).status.ok
+    return simulator
+
+
+def test_below_the_friction_of_the_jaws_it_sticks() -> None:
+    simulator = Simulator(scene(PINCHED | {"damping.stretch": 1e-3}))
+    for share in (0.5, 0.8, 0.93, 0.98):  # a sudden pull swings beyond what it ends at
+        simulator.set_load("pull", force=[share * FRICTION * PRESSED, 0.0, 0.0])
+        assert simulator.advance(0.5).status.ok
+    assert simulator.held_at("guide") == pytest.approx(0.5, abs=1e-6)
+    assert simulator.reaction("guide")[0][0] == pytest.approx(-0.98 * FRICTION * PRESSED, rel=1e-3)
+
+
+def test_above_it_slides_with_what_is_left() -> None:
+    # Faster than the waves in its tail, after 0.2 s, a straight cable would begin to flutter.
+    simulator = pulled(0.9, 0.1)
+    limit = FRICTION * PRESSED
+    rate = (0.9 - limit) / MASS
+    assert simulator.velocities[:, 0].mean() == pytest.approx(0.1 * rate, rel=5e-3)
+    assert simulator.held_at("guide") == pytest.approx(0.5 - 0.5 * rate * 0.01, rel=5e-3)
+    assert simulator.slides["guide"].u == simulator.held_at("guide")
+    assert simulator.energy_error < 1e-9
+    # The loss is the friction along the way.
+    lost = simulator.cable.account.dissipated
+    assert lost == pytest.approx(limit * 0.5 * rate * 0.01, rel=1e-2)
+
+
+def test_the_free_end_of_what_hangs_over_a_smooth_guide() -> None:
+    """Along a cable that rests in equilibrium, T + EI kappa^2 / 2 - w z is constant, over a smooth
+    guide too; T is the tension, z the height. From a free end to one that is pinned: the tension
+    there is the weight of a cable as long as the free end is below it.
+    """
+    values = HUNG | {"discretization.control_points": 41}
+    simulator = Simulator(scene(values, position=[0.4, 0.0, 0.0], at=0.45))
+    assert simulator.advance(6.0).status.ok
+    u = simulator.held_at("guide")
+    assert u is not None
+    assert 0.4 < u < 0.41
+    force, _ = simulator.reaction("start")
+    first, second, last = simulator.centerline([0.0, 1e-4, 1.0])
+    tension = -force @ (second - first) / np.linalg.norm(second - first)
+    assert tension == pytest.approx(MASS * 9.81 * -last[2], rel=0.01)
+
+
+def test_a_gripper_that_follows_a_cable_and_beyond_it() -> None:
+    values = HUNG | {"end.position": [0.0, 0.0, -1.0], "damping.mass": 0.0, "damping.bend": 0.0}
+    limits = {"friction": 0.5, "grip": 0.1, "tangent_spring": 0.01}
+    simulator = Simulator(scene(values, position=[0.0, 0.0, -0.3], at=0.3, **limits))
+    position, turned = simulator.end_pose("guide")
+    path = EndMotion.resting(position, turned).then(1.0, velocity=[0.05, 0.0, -0.8])
+    simulator.set_motion("guide", path)
+    assert simulator.advance(0.5).status.ok
+    assert simulator.held_at("guide") == pytest.approx(0.7, abs=2e-3)
+    assert simulator.reaction("guide")[0][2] < -0.5 * 0.1  # the limit, or more where it deflects
+    assert simulator.advance(0.5).status.ok
+    assert simulator.held_at("guide") is None
+    assert simulator.slides == {}
+    assert np.array_equal(simulator.reaction("guide")[0], np.zeros(3))
+    assert simulator.energy_error < 1e-8
+    with pytest.raises(ValueError, match="does not hold the cable"):
+        simulator.release("guide")
+    simulator.take("guide", at=0.9)
+    assert simulator.held_at("guide") == pytest.approx(0.9)
+    assert simulator.advance(0.01).status.ok
+
+
+def test_what_has_slid_is_kept() -> None:
+    simulator = pulled(0.9, 0.1)
+    u = simulator.held_at("guide")
+    kept = simulator.snapshot()
+    assert simulator.advance(0.05).status.ok
+    first = simulator.control_points
+    simulator.restore(kept)
+    assert simulator.held_at("guide") == u
+    assert simulator.advance(0.05).status.ok
+    assert np.array_equal(simulator.control_points, first)
+    finer = simulator.reconfigured(
+        simulator.scene.with_values({"discretization.control_points": 21})
+    )
+    assert finer.held_at("guide") == simulator.held_at("guide")
+    simulator.set_end("start", [0.0, 0.0, 0.0])  # rows are built anew
+    simulator.release("guide")
+    assert simulator.held_at("guide") is None
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "cure"),
+    [
+        ("grasps.guide.clamped", True, "tangent_spring"),
+        ("grasps.guide.roll", True, "roll"),
+        ("grasps.guide.fixed", [True, True, False], "fixed"),
+        ("integrator.method", "velocity_verlet", "energy_momentum"),
+        ("integrator.method", "rattle", "energy_momentum"),
+    ],
+)
+def test_what_does_not_go_with_sliding_is_refused(key: str, value: object, cure: str) -> None:
+    with pytest.raises(SceneError, match=cure):
+        Simulator(scene_from_values(LYING | {key: value}))
+
+
+def test_friction_of_a_grasp_that_holds_fast_is_refused() -> None:
+    with pytest.raises(SceneError, match="does nothing for a cable held fast"):
+        scene(LYING, slides=False, grip=1.0)
