@@ -62,6 +62,10 @@ if config.DISABLE_JIT:
         """`above` on the lanes where the condition is above 0, else `other`."""
         return np.where(condition > 0.0, above, other).view(_Array)
 
+    def any_above(value: Any) -> bool:
+        """Whether any lane is above 0."""
+        return bool((value > 0.0).any())
+
     def lane_sum(value: Any) -> Any:
         """Sum over the lanes, pairwise."""
         halves = value.reshape(4, 2).sum(axis=1).reshape(2, 2).sum(axis=1)
@@ -167,6 +171,17 @@ else:
             return builder.select(builder.fcmp_ordered(">", values[0], none), *chosen)
 
         return vector(vector, above, other), code
+
+    @intrinsic
+    def any_above(typing: Any, value: Any) -> Any:
+        """Whether any lane is above 0."""
+
+        def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            above = builder.fcmp_ordered(">", values[0], ir.Constant(VECTOR, [0.0] * LANES))
+            mask = builder.bitcast(above, ir.IntType(LANES))
+            return builder.icmp_unsigned("!=", mask, ir.Constant(mask.type, 0))
+
+        return types.boolean(value), code
 
     @intrinsic
     def lane_sum(typing: Any, value: Any) -> Any:

@@ -312,7 +312,9 @@ class Work(Group):
     force_moments = Lanes(4, 3)  # for the projected strain: 1, xi, xi^2, xi^3 by direction
     strain_moments = Lanes(4, 3)
     flow_moments = Lanes(4, 3)
-    pairs = Reals(16, groups.LANES)  # entries between two control points, of each span
+    guard = Lanes(25)  # gradient of the span guard on a block, and factors of its Jacobian
+    pairs = Reals(9, 16, "columns")  # entries between two control points, one of each span
+    pair_sums = Reals(7, groups.LANES)
     shares = Lanes("samples")
     border_force = Reals("bordered", 2, "seen")  # F, without unknowns that other rows fix
     border_push = Reals("bordered", 2, "seen")  # F with them

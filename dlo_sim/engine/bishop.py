@@ -56,28 +56,15 @@ from dlo_sim.terms.vectors import combined, cross, dot
 
 
 @part
-def sum_of_curvatures(t0, k0, t1, k1):
-    """s0 s1 (k0 / s0 + k1 / s1), and 1 / (s0 s1 (s0 s1 + t0 . t1)): two square roots and one
-    division, which take most of the time.
+def tau_between(t0, k0, t1, k1):
+    """Change of tau [rad/m] from shape 0 to shape 1, and G, such that the twisting moment M acts on
+    r' as M G. Two square roots and one division take most of the time.
     """
     s0, s1 = sqrt(dot(t0, t0)), sqrt(dot(t1, t1))
     both = s0 * s1
-    return combined(s1, k0, s0, k1), 1.0 / (both * (both + dot(t0, t1)))
-
-
-@part
-def tau_change(t0, k0, t1, k1):
-    """Change of tau [rad/m] from shape 0 to shape 1."""
-    v, share = sum_of_curvatures(t0, k0, t1, k1)
-    return share * dot(cross(t1, t0), v)
-
-
-@part
-def tau_gradient(t0, k0, t1, k1):
-    """G, such that the twisting moment M acts on r' as M G."""
-    v, share = sum_of_curvatures(t0, k0, t1, k1)
+    v, share = combined(s1, k0, s0, k1), 1.0 / (both * (both + dot(t0, t1)))
     half = 0.5 * share
-    return cross(combined(half, t0, half, t1), v)
+    return share * dot(cross(t1, t0), v), cross(combined(half, t0, half, t1), v)
 
 
 @part
@@ -96,39 +83,40 @@ def add_polynomial(a, f, xi):
 def tau_at(r, p, xi, s):
     """tau [rad/m] at a quadrature point of curve p, for theta's frame that follows from curve r."""
     t, k = tangent_at(r, xi), bending_at(r, xi, s)
-    return tau_change(t, k, tangent_at(p, xi), bending_at(p, xi, s))
+    return tau_between(t, k, tangent_at(p, xi), bending_at(p, xi, s))[0]
 
 
 @part
-def turn_by_shape(cable, x0, x1, viscous, discrete, out):
-    """out -= the part on theta of the discrete gradient, between x0 and x1, of the twisting energy
-    that depends on tau; `push_by_twist` adds the part on the centreline.
+def turn_by_shape(cable, x1, viscous, discrete, out):
+    """out -= the part on theta of the discrete gradient of the twisting energy that depends on tau,
+    between the start of the step and x1; or, if not `discrete`, of the gradient at x1.
+    `push_by_twist` adds the part on the centreline.
 
     Writes for it `work.coupling`, at every quadrature point: mean rate tau - rest twist [rad/m],
-    its change, and G (3).
+    its change, and G (3). tau is zero at the start of a step, to which theta's frame refers.
 
     Args:
-        viscous: beta / tau [-], 0 without damping. discrete: if false, x0 is x1.
+        viscous: beta / tau [-], 0 without damping.
     """
     mesh = cable.mesh
     for b in range(cable.blocks):
-        s, r = mesh.slope[b], curve(cable, cable.state.reference, b, 1.0)
-        p, q = curve(cable, x0, b, 1.0), curve(cable, x1, b, 1.0)
+        s, row = mesh.slope[b], cable.work.coupling[b]
+        p, q = curve(cable, cable.work.start, b, 1.0), curve(cable, x1, b, 1.0)
         turned = (zero(), zero(), zero())
         for j in range(cable.samples):
             xi, w = mesh.xi[b, j], cable.physics.GJ * mesh.weight[b, j]
             t0, k0 = tangent_at(p, xi), bending_at(p, xi, s)
             t1, k1 = tangent_at(q, xi), bending_at(q, xi, s)
-            after, change = tau_at(r, q, xi, s), zero()
-            rate = after - rest_twist_at(cable, b, j)
-            if discrete:
-                change = after - tau_at(r, p, xi, s)
-                rate -= 0.5 * change
+            change, gradient = tau_between(t0, k0, t1, k1)
+            rate = 0.5 * change
+            if not discrete:
+                rate, change = change, zero()
+                gradient = tau_between(t1, k1, t1, k1)[1]
+            rate -= rest_twist_at(cable, b, j)
             turned = add_polynomial(turned, w * (rate + viscous * change), xi)
-            row = cable.work.coupling[b, j]
-            row[0] = rate
-            row[1] = change
-            store_three(row, 2, tau_gradient(t0, k0, t1, k1))
+            row[j, 0] = rate
+            row[j, 1] = change
+            store_three(row[j], 2, gradient)
         scatter(mesh, b, turned, -1.0, out[cable.dim])
 
 
@@ -171,7 +159,7 @@ def force(cable, _, x, out):
             t, k = tangent_at(p, xi), bending_at(p, xi, s)
             rate = tau_at(r, p, xi, s) - rest_twist_at(cable, b, j)
             turned = add_polynomial(turned, w * rate, xi)
-            stress, g = w * (rate + polynomial(angle, xi)), tau_gradient(t, k, t, k)
+            stress, g = w * (rate + polynomial(angle, xi)), tau_between(t, k, t, k)[1]
             g0 = add_sample(g0, stress * g[0], zero(), xi)
             g1 = add_sample(g1, stress * g[1], zero(), xi)
             g2 = add_sample(g2, stress * g[2], zero(), xi)
@@ -405,6 +393,8 @@ def follow_shape(cable):
     for at in range(MARGIN, MARGIN + n):
         x[twist, at] += psi[at]
         state.counted[twist, at] += psi[at]
+        state.history[0, twist, at] += psi[at]
+        state.history[1, twist, at] += psi[at]
     for k in range(rows.count):
         if rows.line[k] == twist:
             own, grasp = cable.points.own[rows.point[k]], rows.grasp[k]

@@ -35,8 +35,8 @@ from __future__ import annotations
 
 from numba import float64, void
 
-from dlo_sim.compiling.groups import store
-from dlo_sim.compiling.lanes import LANES, fabs, lane_sum, sqrt, zero
+from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.lanes import LANES, lane_sum, sqrt, zero
 from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import (
     ANY_STRETCH,
@@ -44,6 +44,7 @@ from dlo_sim.engine.arrays import (
     CABLE,
     CURVED,
     LINES,
+    MARGIN,
     SPAN_STRETCH,
     STRETCH,
     THINNED,
@@ -60,6 +61,7 @@ from dlo_sim.engine.span_guard import (
     guard_energy,
     guard_gradient,
     guard_jacobian,
+    may_act,
 )
 from dlo_sim.engine.spans import (
     add_sample,
@@ -89,7 +91,9 @@ def elastic_energy(cable, x):
     for b in range(cable.blocks):
         axial, bending, s = mesh.axial[b], mesh.bending[b], mesh.slope[b]
         p = curve(cable, x, b, 1.0)
-        stretching += guard_energy(cable, b, products(p))
+        inner = products(p)
+        if may_act(inner):
+            stretching += guard_energy(cable, b, inner)
         if terms & SPAN_STRETCH:
             mean, slope = span_strains(mesh, b, p)
             length = 1.0 / (mesh.share[b] + mesh.padding[b])  # no 1/0 beyond the last span
@@ -218,10 +222,13 @@ def discrete_force(cable, x0, x1, moved, viscous, out):
             if viscous != 0.0:
                 rate, rate_linear = span_rates(mesh, b, p, q, r)
                 rate_linear = f * rate_linear
-        guard = discrete_guard_gradient(cable, b, products(p), products(q))
-        g0 = matrix_times(guard, combined(1.0, p[0], 1.0, q[0]))
-        g1 = matrix_times(guard, combined(1.0, p[1], 1.0, q[1]))
-        g2 = matrix_times(guard, combined(1.0, p[2], 1.0, q[2]))
+        g0 = g1 = g2 = (zero(), zero(), zero())
+        before, after = products(p), products(q)
+        if may_act(before) or may_act(after):
+            guard = discrete_guard_gradient(cable, b, before, after)
+            g0 = matrix_times(guard, combined(1.0, p[0], 1.0, q[0]))
+            g1 = matrix_times(guard, combined(1.0, p[1], 1.0, q[1]))
+            g2 = matrix_times(guard, combined(1.0, p[2], 1.0, q[2]))
         for j in range(cable.samples):
             xi, w = mesh.xi[b, j], mesh.weight[b, j]
             ta, ka = tangent_at(p, xi), bending_at(p, xi, s)
@@ -286,10 +293,17 @@ def add_tangent(cable, x0, x1, viscous, scale, band):
     for b in range(cable.blocks):
         p, q = curve(cable, x0, b, 1.0), curve(cable, x1, b, 1.0)
         factor_samples(cable, b, p, q, viscous)
+        before, after = products(p), products(q)
+        guarded = may_act(before) or may_act(after)
+        if guarded:
+            factor_guard(cable, b, before, after)
         for i in range(cable.dim):
             for j in range(cable.dim):
-                add_entry(cable, b, i, j, viscous, scale, band)
-        add_guard(cable, b, p, q, scale, band)
+                h = entry_of(cable, b, i, j, viscous)
+                if guarded:
+                    h = add_guard(cable.work.guard, p, q, i, j, h)
+                write_pairs(cable, b, i, j, h)
+    add_pairs(cable, scale, band)
 
 
 @part
@@ -455,8 +469,8 @@ def sample_blocks(cable, z, i, j, viscous):
 
 
 @part
-def add_entry(cable, b, i, j, viscous, scale, band):
-    """Add the entries between lines i and j of the Jacobian of a block's spans to `band`."""
+def entry_of(cable, b, i, j, viscous):
+    """Jacobian in A, B, C of lines i and j on the spans of a block, 3 x 3."""
     mesh, work = cable.mesh, cable.work
     s = mesh.slope[b]
     h00 = h01 = h02 = h10 = h11 = h12 = h20 = h21 = h22 = zero()
@@ -484,7 +498,7 @@ def add_entry(cable, b, i, j, viscous, scale, band):
             g = 2.0 * viscous * cable.physics.beta_stretch * g
             left, right = column(work.flow_moments, i), column(work.flow_moments, j)
             h0, h1, h2 = add_projected(h0, h1, h2, g, linear, left, right)
-    scatter_entry(cable, b, i, j, h0, h1, h2, scale, band)
+    return h0, h1, h2
 
 
 @part
@@ -514,53 +528,72 @@ def add_products(h, one, next_, r):
 
 
 @part
-def scatter_entry(cable, b, i, j, h0, h1, h2, scale, band):
-    """band += scale times the Jacobian (h0, h1, h2) in A, B, C of two lines, by control points."""
-    m, dim, pairs = cable.mesh.slopes, cable.dim, cable.work.pairs
+def write_pairs(cable, b, i, j, h):
+    """Write the Jacobian h in A, B, C of lines i and j, by control points, to `work.pairs`."""
+    m, pairs = cable.mesh.slopes, cable.work.pairs[cable.dim * i + j]
+    h0, h1, h2 = h
     for k in range(4):
         e0, e1, e2 = m[b, 3 * k], m[b, 3 * k + 1], m[b, 3 * k + 2]
-        r0 = scale * (e0 * h0[0] + e1 * h1[0] + e2 * h2[0])
-        r1 = scale * (e0 * h0[1] + e1 * h1[1] + e2 * h2[1])
-        r2 = scale * (e0 * h0[2] + e1 * h1[2] + e2 * h2[2])
+        r0 = e0 * h0[0] + e1 * h1[0] + e2 * h2[0]
+        r1 = e0 * h0[1] + e1 * h1[1] + e2 * h2[1]
+        r2 = e0 * h0[2] + e1 * h1[2] + e2 * h2[2]
         for other in range(4):
             f = r0 * m[b, 3 * other] + r1 * m[b, 3 * other + 1]
-            store(pairs, 4 * k + other, 0, f + r2 * m[b, 3 * other + 2])
-    first = LANES * b
-    for span in range(min(LANES, cable.n - 3 - first)):
-        for k in range(4):
-            row = band[(first + span + k) * dim + i]
-            for other in range(4):
-                row[(other - k) * dim + j - i + 4 * dim - 1] += pairs[4 * k + other, span]
+            store(pairs, 4 * k + other, MARGIN + LANES * b + k, f + r2 * m[b, 3 * other + 2])
 
 
 @part
-def add_guard(cable, b, p, q, scale, band):
-    """Add the Jacobian of the span guard on a block: a sum of products of gradients of the
-    functions in `FORMS`, at the midpoint and at the new configuration.
+def add_pairs(cable, scale, band):
+    """band += scale times `work.pairs`, added up for each two control points."""
+    dim, sums = cable.dim, cable.work.pair_sums
+    for i in range(dim):
+        for j in range(dim):
+            pairs = cable.work.pairs[dim * i + j]
+            for first in range(0, cable.n, LANES):
+                for apart in range(7):  # the other control point is number apart - 3 from it
+                    entry = zero()
+                    for k in range(max(3 - apart, 0), min(7 - apart, 4)):
+                        entry += load(pairs, 5 * k + apart - 3, MARGIN + first)
+                    store(sums, apart, 0, scale * entry)
+                for point in range(min(LANES, cable.n - first)):
+                    row = band[(first + point) * dim + i]
+                    for apart in range(7):
+                        row[(apart + 1) * dim + j - i - 1] += sums[apart, point]
+
+
+@part
+def factor_guard(cable, b, before, after):
+    """Write the gradient of the span guard on a block, and the factors of its Jacobian
+    (`span_guard.guard_jacobian`), to `work.guard`.
     """
-    before, after = products(p), products(q)
-    gradient = discrete_guard_gradient(cable, b, before, after)
-    active = zero()
-    for one in gradient:
-        active += fabs(one)
-    if lane_sum(active) == 0.0:
-        return
     factors, middle, new = guard_jacobian(cable, b, before, after)
-    g0, g1, g2, g3, g4, g5 = gradient
-    for i in range(cable.dim):
-        m = combined(1.0, p[i], 1.0, q[i])
-        for j in range(cable.dim):
-            unit = 1.0 if i == j else 0.0
-            h = (
-                (unit * g0, unit * g1, unit * g2),
-                (unit * g1, unit * g3, unit * g4),
-                (unit * g2, unit * g4, unit * g5),
-            )
-            h = add_dyad(h, 1.0, matrix_times(middle, m), matrix_times(new, q[j]))
-            for k in range(len(FORMS)):
-                form = FORMS[k]
-                h = add_dyad(h, factors[k], matrix_times(form, m), matrix_times(form, q[j]))
-            scatter_entry(cable, b, i, j, h[0], h[1], h[2], scale, band)
+    parts = *discrete_guard_gradient(cable, b, before, after), *middle, *new, *factors
+    for k in range(len(parts)):
+        cable.work.guard[k] = parts[k]
+
+
+@part
+def add_guard(guard, p, q, i, j, h):
+    """h + the Jacobian of the span guard between lines i and j: a sum of products of gradients of
+    the functions in `FORMS`, at the midpoint and at the new configuration.
+    """
+    m, r = combined(1.0, p[i], 1.0, q[i]), q[j]
+    if i == j:
+        h = (
+            combined(1.0, h[0], 1.0, (guard[0], guard[1], guard[2])),
+            combined(1.0, h[1], 1.0, (guard[1], guard[3], guard[4])),
+            combined(1.0, h[2], 1.0, (guard[2], guard[4], guard[5])),
+        )
+    h = add_dyad(h, 1.0, matrix_times(six(guard, 6), m), matrix_times(six(guard, 12), r))
+    for k in range(len(FORMS)):
+        h = add_dyad(h, guard[18 + k], matrix_times(FORMS[k], m), matrix_times(FORMS[k], r))
+    return h
+
+
+@part
+def six(row, k):
+    """Six successive entries."""
+    return row[k], row[k + 1], row[k + 2], row[k + 3], row[k + 4], row[k + 5]
 
 
 @part

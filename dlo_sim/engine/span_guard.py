@@ -29,18 +29,19 @@ more than 1.05 times what it did. A smaller v0 makes more cables too stiff in be
 along itself. The second part holds off a span the more the shorter it gets: turning it over takes
 k_c c0^2 = 6 times the energy of compressing it to nothing.
 
-It is evaluated once per span, and its derivatives only where it is not zero on a span of a block.
+It is evaluated once per span, and only where `may_act` does not exclude it on all spans of a block.
 """
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import lane_sum, zero
+from dlo_sim.compiling.lanes import any_above, fabs, zero
 from dlo_sim.compiling.pieces import part
 from dlo_sim.engine.arrays import GUARDED, SPAN_STRETCH
 from dlo_sim.terms import one_sided
 
 STRENGTH = 100.0  # k
 EVEN = 0.01  # v0: a standard deviation of the strain of 10 %
+NARROW = 0.2  # 2 sqrt(v0)
 LENGTH_STRENGTH = 100.0  # k_c
 LEAST = 0.25  # c0
 WEIGHTS = 1.0 / 12.0, 1.0 / 45.0, 1.0 / 175.0, 16.0 / 11025.0  # of n1^2 .. n4^2 in v
@@ -114,21 +115,27 @@ def guard_stiffness(cable, b):
 
 
 @part
-def gaps_of(inner):
-    """n, v0 - v and c - c0 at three places from the inner products, and the sum of the negative
-    ones: 0 where there is no guard.
+def may_act(inner):
+    """Whether the guard may act on a span of a block with these inner products. It does not where
+    the largest |c - A.A| on a span is below 2 sqrt(v0), as that limits v to v0, and below A.A - c0.
     """
-    n, lengths = unevenness(inner), lengths_of(inner)
-    room = room_of(n)
-    depth = one_sided.depth(room) + one_sided.depth(lengths[0])
-    return n, room, lengths, depth + (one_sided.depth(lengths[1]) + one_sided.depth(lengths[2]))
+    aa, ab, ac, bb, bc, cc = inner
+    spread = fabs(ab + ab) + fabs(bb + (ac + ac)) + (fabs(bc + bc) + cc)
+    return any_above(spread - NARROW) or any_above(spread - (aa - LEAST))
+
+
+@part
+def gaps_of(inner):
+    """n, v0 - v and c - c0 at three places from the inner products."""
+    n = unevenness(inner)
+    return n, room_of(n), lengths_of(inner)
 
 
 @part
 def guard_gradient(cable, b, inner):
     """Gradient of the guard in the form of `elastic.add_invariants`, from `elastic.products`."""
-    n, room, lengths, depth = gaps_of(inner)
-    if lane_sum(depth) < 0.0:
+    if may_act(inner):
+        n, room, lengths = gaps_of(inner)
         uneven, short = guard_stiffness(cable, b)
         on_c = (
             short * one_sided.depth(lengths[0]),
@@ -144,18 +151,16 @@ def discrete_guard_gradient(cable, b, before, after):
     """Discrete gradient of the guard between configurations with these inner products, in the form
     of `elastic.add_invariants`, to be multiplied with the mean A, B and C.
     """
-    n0, room0, lengths0, depth0 = gaps_of(before)
-    n1, room1, lengths1, depth1 = gaps_of(after)
-    if lane_sum(depth0 + depth1) < 0.0:
-        uneven, short = guard_stiffness(cable, b)
-        on_v = -0.5 * one_sided.discrete_gradient(uneven, room0, room1)
-        on_c = (
-            one_sided.discrete_gradient(short, lengths0[0], lengths1[0]),
-            one_sided.discrete_gradient(short, lengths0[1], lengths1[1]),
-            one_sided.discrete_gradient(short, lengths0[2], lengths1[2]),
-        )
-        return products_gradient(on_v, sums(n0, n1), on_c)
-    return zero(), zero(), zero(), zero(), zero(), zero()
+    n0, room0, lengths0 = gaps_of(before)
+    n1, room1, lengths1 = gaps_of(after)
+    uneven, short = guard_stiffness(cable, b)
+    on_v = -0.5 * one_sided.discrete_gradient(uneven, room0, room1)
+    on_c = (
+        one_sided.discrete_gradient(short, lengths0[0], lengths1[0]),
+        one_sided.discrete_gradient(short, lengths0[1], lengths1[1]),
+        one_sided.discrete_gradient(short, lengths0[2], lengths1[2]),
+    )
+    return products_gradient(on_v, sums(n0, n1), on_c)
 
 
 @part
@@ -173,8 +178,8 @@ def guard_jacobian(cable, b, before, after):
         the form of `elastic.add_invariants`, whose product is that of the gradients of v.
     """
     uneven, short = guard_stiffness(cable, b)
-    n0, room0, lengths0, _ = gaps_of(before)
-    n1, room1, lengths1, _ = gaps_of(after)
+    n0, room0, lengths0 = gaps_of(before)
+    n1, room1, lengths1 = gaps_of(after)
     on_v = -2.0 * one_sided.discrete_gradient(uneven, room0, room1)
     factors = (
         on_v * WEIGHTS[0],
@@ -194,6 +199,6 @@ def guard_jacobian(cable, b, before, after):
 def guard_energy(cable, b, inner):
     """Energy of the guard on every span of a block [J]."""
     uneven, short = guard_stiffness(cable, b)
-    _, room, lengths, _ = gaps_of(inner)
+    _, room, lengths = gaps_of(inner)
     ends = one_sided.energy(short, lengths[0]) + one_sided.energy(short, lengths[2])
     return one_sided.energy(uneven, room) + (ends + one_sided.energy(short, lengths[1]))

@@ -155,9 +155,9 @@ def parabola(tau, last, before):
 
 @part
 def predict(cable, tau):
-    """Predictor of the spatial lines: quadratic extrapolation of the last three configurations, or
-    constant w if they are not known. If the motion alternates from step to step, as undamped stiff
-    modes do in steps far too long for them, the configuration before the present one.
+    """Predictor: quadratic extrapolation of the last three configurations, or constant w if they
+    are not known. If the motion alternates from step to step, as undamped stiff modes do in steps
+    far too long for them, the configuration before the present one.
 
     Shifts the history by one configuration.
     """
@@ -176,7 +176,7 @@ def predict(cable, tau):
                 twice += two * two
         alternates = tau == last == before_last and lane_sum(twice) < lane_sum(once)
         a, b, c = parabola(tau, last, before_last)
-    for d in range(cable.dim):
+    for d in range(cable.lines):
         for i in range(0, cable.columns, LANES):
             now, before = load(x, d, i), load(near, d, i)
             if alternates:

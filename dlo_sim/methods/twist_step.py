@@ -34,9 +34,9 @@ from dlo_sim.engine.springs import add_roll_change, add_roll_stiffness, roll_los
 
 REFINEMENTS = 3  # iterative refinements for a cable that is free to spin
 MOST_NEWTON = 8  # Newton corrections with natural curvature in the material frame
-# Corrections end below SETTLED, relative to 1 rad plus the angle, or below SHRUNK times the first
-# correction for an iterate of the shape: while the shape changes the twist need not be exact.
-SETTLED, SHRUNK = 1e-8, 0.1
+# Corrections, which converge quadratically, end below SETTLED relative to 1 rad plus the angle, or
+# below SHRUNK times the first one: while the shape changes the twist need not be exact.
+SETTLED, SHRUNK = 1e-4, 0.1
 WITHIN = float64, CABLE, float64, float64, boolean, boolean
 END = float64, CABLE, float64, float64
 
@@ -132,7 +132,7 @@ def take_midpoint_moments(cable, t0, tau):
 
 
 @part
-def correct_twist(cable, begin, end, x, tau, beta, spins, anew):
+def correct_twist(cable, begin, end, x, tau, beta, spins, make):
     """One Newton correction of the twist line of x and `change`, d, for the residual
         f - K (theta0 + (1/2 + beta) d) - M (2 / tau^2 d - 2 / tau v0),
     where f is `force`: loads, rotation of the frame, and damping and springs for the previous d.
@@ -140,8 +140,8 @@ def correct_twist(cable, begin, end, x, tau, beta, spins, anew):
 
     Args:
         begin, end: configurations of the discrete gradient of the natural curvature. beta: internal
-            damping per step [-]. spins: whether neither end is prescribed. anew: whether the matrix
-            is to be made; with natural curvature it always is.
+            damping per step [-]. spins: whether neither end is prescribed. make: whether to make
+            the matrix anew.
 
     Returns:
         The largest entry of the correction relative to 1 rad plus the angle.
@@ -150,10 +150,11 @@ def correct_twist(cable, begin, end, x, tau, beta, spins, anew):
     natural, damped = cable.terms & MATERIAL != 0, cable.terms & DAMPED != 0
     mass, damping, twist = mass_of(cable, line), cable.linear.damping[1], cable.linear.twist
     matrix, a = work.twist_matrix, 2.0 / (tau * tau)
-    if anew or natural:
+    if natural:
+        natural_force(cable, begin, end, YES, NO, work.force)
+    if make:
         fill_matrix(cable, tau, beta, matrix)
         if natural:
-            natural_force(cable, begin, end, YES, NO, work.force)
             add_natural_stiffness(cable, begin, end, matrix)
         factorize(cable, work.twist_held, matrix)
     theta, change, force = x[line], work.change[line], work.force[line]
@@ -201,8 +202,8 @@ def solve_twist(cable, begin, end, x, t0, tau, anew):
 
     Args:
         begin, end: configurations of the discrete gradient of the natural curvature. anew: whether
-            this is the first time in this step; without natural curvature the matrix stays that of
-            the first time.
+            this is the first time in this step; the matrix stays that of the first time, unless
+            natural curvature needs a second correction.
 
     Returns:
         The energy [J] dissipated in the twist, less that of the external damping in the initial
@@ -228,7 +229,8 @@ def solve_twist(cable, begin, end, x, t0, tau, anew):
     for correction in range(MOST_NEWTON if natural else 1):
         for c in range(cable.columns):
             force[c] = own[c]
-        moved = correct_twist(cable, begin, end, x, tau, beta, spins, anew)
+        make = anew or correction > 0
+        moved = correct_twist(cable, begin, end, x, tau, beta, spins, make)
         for c in range(cable.columns):
             work.middle[line, c] = work.start[line, c] + 0.5 * change[c]
         if moved < tolerance:
@@ -251,7 +253,7 @@ def step_twist(cable, t0, tau, discrete, anew):
     x, force = cable.state.x, cable.work.force
     begin, end = (cable.work.start, x) if discrete else (cable.work.middle, cable.work.middle)
     viscous = damping_share(cable, tau)
-    turn_by_shape(cable, begin, end, viscous, discrete, force)
+    turn_by_shape(cable, end, viscous, discrete, force)
     lost = solve_twist(cable, begin, end, x, t0, tau, anew)
     lost += push_by_twist(cable, begin, end, viscous, force)
     if cable.terms & MATERIAL:
