@@ -43,6 +43,7 @@ LOADED = 1 << 17  # wrenches may act
 SPRUNG = 1 << 18  # springs may hold the cable
 MESHED = 1 << 24  # obstacles may be triangle meshes
 SLIDING = 1 << 25  # grasps may let the cable slide
+PRESSURE = 1 << 26  # in the bore of a hose
 
 # Of the terms that `scene.description.TERMS` and `scene.needs` know by a name.
 BITS = {
@@ -56,6 +57,7 @@ BITS = {
     "gravity": GRAVITY,
     "loads": LOADED,
     "damping": DAMPED,
+    "pressure": PRESSURE,
 }
 
 # Bits of the families of methods, beside those of the terms.
@@ -98,6 +100,7 @@ class Physics(Group):
     water_across = Number()  # k_n and k_t of `engine.drag` [N s^2/m^3]
     water_along = Number()
     water_current = Reals(3)  # velocity of the water by line [m/s]
+    thrust = Number()  # pressure in a hose times the area of its bore [N]
     thinning = Number()  # lambda^2 of `terms.viscosity` [(m s)^2]
     beta_stretch = Number()  # internal damping [s]
     beta_bend = Number()

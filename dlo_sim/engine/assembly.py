@@ -12,6 +12,7 @@ from dlo_sim.engine import (
     drag,
     natural_curvature,
     plasticity,
+    pressure,
     sliding,
     torsion,
 )
@@ -26,6 +27,7 @@ def all_forces(cable, x, out):
     forces(cable, x, out)
     natural_curvature.force(cable, x, x, out)
     torsion.force(cable, x, x, out)
+    pressure.force(cable, x, x, out)
     bishop.force(cable, x, x, out)
     contact.add_elastic_force(cable, x, out)
     sliding.slide_force(cable, x, out)
@@ -37,6 +39,7 @@ def all_energies(cable, x, out):
     energies(cable, x, out)
     natural_curvature.energy(cable, x, out)
     torsion.energy(cable, x, out)
+    pressure.energy(cable, x, out)
     bishop.energy(cable, x, out)
     plasticity.energy(cable, x, out)
     contact.energy(cable, x, out)
@@ -50,6 +53,7 @@ def discrete_gradient(cable, x0, x1, moved, viscous, out):
     """
     lost = discrete_force(cable, x0, x1, moved, viscous, out)
     natural_curvature.gradient(cable, x0, x1, out)
+    pressure.force(cable, x0, x1, out)
     return lost
 
 
@@ -57,6 +61,7 @@ def discrete_gradient(cable, x0, x1, moved, viscous, out):
 def discrete_jacobian(cable, x0, x1, viscous, scale, band):
     """band += scale times the Jacobian of `discrete_gradient` with respect to x1."""
     add_tangent(cable, x0, x1, viscous, scale, band)
+    pressure.tangent(cable, x0, x1, scale, band)
 
 
 @part

@@ -221,6 +221,28 @@ class Water:
 
 
 @dataclass(frozen=True)
+class Hose:
+    """Pressure in a hose, which makes it longer, or pushes apart what holds its ends.
+
+    The tension of a hose is that of its wall, which bears the pressure; reactions include what the
+    pressure pushes on the ends.
+
+    Parameters:
+        pressure: Pressure inside in excess of that outside.
+        bore: Inner diameter, which the pressure does not widen; the mass of what is inside belongs
+            to cable.linear_density.
+    """
+
+    pressure: float = parameter(0.0, "Pa", (0.0, 1.0e9))
+    bore: float = parameter(0.0, "m", (0.0, 1.0))
+
+    @property
+    def thrust(self) -> float:
+        """Force of the pressure on an end [N], p pi d^2 / 4."""
+        return self.pressure * math.pi * self.bore**2 / 4.0
+
+
+@dataclass(frozen=True)
 class Plasticity:
     """Plastic bending, or friction between strands of a cable, which slip at the yield curvature.
 
@@ -798,6 +820,7 @@ class Scene:
     terms: Terms = Terms()
     plasticity: Plasticity = Plasticity()
     water: Water = Water()
+    hose: Hose = Hose()
     torsion: Torsion = Torsion()
     gravity: Vector = parameter((0.0, 0.0, -9.81), "m/s^2", (-1.0e4, 1.0e4))
     start: End = End()
@@ -1118,6 +1141,13 @@ TERMS = (
         },
         faint={"water.density": 1e-9},
     ),
+    Term(
+        "pressure",
+        needed=lambda scene: scene.hose.thrust > 0.0,
+        absent="no pressure inside",
+        numbers=lambda scene: {"thrust": scene.hose.thrust},
+        faint={"hose.pressure": 1e-3, "hose.bore": 1e-4},
+    ),
 )
 
 # Names of methods (`core.methods`), the best first.
@@ -1411,6 +1441,9 @@ def _conflicts(scene: Scene) -> Conflicts:
     if scene.contact.markers and scene.terms.contact == "off":
         problem = "obstacles would do nothing, since terms.contact is off; set it to auto"
         yield "contact.markers", scene.contact.markers, problem
+    if scene.hose.pressure and not 0.0 < scene.hose.bore < scene.cable.diameter:
+        cure = f"give it, below cable.diameter ({scene.cable.diameter:g} m)"
+        yield "hose.bore", scene.hose.bore, f"m is no inner diameter for a hose.pressure; {cure}"
     yield from _times(scene)
     yield from _colors(scene)
 

@@ -11,9 +11,8 @@ from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.pieces import ARRAY_2D, piece
 from dlo_sim.core import spectrum
 from dlo_sim.engine.arrays import CURVED, SPAN_STRETCH, cable_at
-from dlo_sim.engine.assembly import discrete_gradient
+from dlo_sim.engine.assembly import discrete_gradient, discrete_jacobian
 from dlo_sim.engine.band import clear_band
-from dlo_sim.engine.elastic import add_tangent
 
 LOOSE = {"end.spring": [0.0, 0.0, 0.0], "end.pose_topic": "", "damping.stiffness": 1.0}
 ELASTIC = FULL | FLAT | LOOSE
@@ -31,7 +30,7 @@ def forces_between(address, x0, x1, moved, viscous, out):
 def tangent_between(address, x0, x1, viscous):
     cable = cable_at(address)
     clear_band(cable.work.band)
-    add_tangent(cable, grid(x0), grid(x1), viscous, 1.0, cable.work.band)
+    discrete_jacobian(cable, grid(x0), grid(x1), viscous, 1.0, cable.work.band)
 
 
 class Between(Bench):
@@ -73,6 +72,7 @@ KINDS = {
     "graded_by_span": (ELASTIC | BY_SPAN, {"grading": 0.5}),
     "planar": (PLANE, {}),
     "planar_by_span": (PLANE | BY_SPAN, {}),
+    "hose": (ELASTIC | BY_SPAN | {"hose.pressure": 1e6, "hose.bore": 3e-3}, {}),
 }
 
 

@@ -1,0 +1,65 @@
+"""A hose under pressure: it lengthens, pushes what holds it, and buckles."""
+
+import numpy as np
+import pytest
+from cables import simulator
+
+from dlo_sim.scene.loading import SceneError
+
+LENGTH, BORE, PRESSURE = 1.0, 8e-3, 4e5
+THRUST = PRESSURE * np.pi * BORE**2 / 4.0  # 20 N
+HOSE = {
+    "cable.length": LENGTH,
+    "cable.diameter": 0.014,
+    "cable.axial_stiffness": 2e3,
+    "cable.bending_stiffness": 0.6,
+    "cable.linear_density": 0.2,
+    "hose.pressure": PRESSURE,
+    "hose.bore": BORE,
+    "gravity": [0.0, 0.0, 0.0],
+    "start.clamped": True,
+    "end.position": [LENGTH, 0.0, 0.0],
+    "discretization.control_points": 13,
+}
+HELD = {"end.fixed": [True] * 3, "end.clamped": True, "initial.shape": "straight"}
+LETTING_GO = {"end.fixed": [False] * 3, "initial.shape": "straight", "integrator.tolerance": 1e-9}
+
+
+def test_a_free_hose_lengthens_until_its_wall_bears_the_pressure():
+    """Let go without pressure in its wall, its end moves as a bar that is pulled suddenly: to twice
+    the static extension p A L / EA, in the time of two waves along it.
+    """
+    extension = THRUST * LENGTH / 2e3
+    resting = simulator(HOSE, {"initial.shape": "equilibrium"}, step=1e-4)
+    assert resting.centerline([LENGTH])[0, 0] - LENGTH == pytest.approx(extension, rel=1e-9)
+    sim = simulator(HOSE, LETTING_GO, method="energy_momentum", step=1e-4)
+    assert "pressure" in sim.active_terms
+    sim.advance(2.0 * LENGTH / np.sqrt(2e3 / 0.2))
+    assert sim.centerline([LENGTH])[0, 0] - LENGTH == pytest.approx(2.0 * extension, rel=0.05)
+    assert sim.energy_error < 1e-8
+
+
+@pytest.mark.parametrize("method", ["energy_momentum", "velocity_verlet"])
+def test_a_held_hose_pushes_its_ends_apart(method):
+    sim = simulator(HOSE, HELD, method=method, step=2e-5)
+    for _ in range(2):
+        for end, sign in (("start", 1.0), ("end", -1.0)):
+            force, _ = sim.reaction(end)
+            np.testing.assert_allclose(force, [sign * THRUST, 0.0, 0.0], rtol=1e-9, atol=1e-9)
+        assert sim.advance_steps(10).status.ok
+
+
+@pytest.mark.parametrize(("share", "buckles"), [(0.999, False), (1.001, True)])
+def test_it_buckles_at_the_load_of_euler(share, buckles):
+    """Between clamps at 4 pi^2 EI / L^2."""
+    pressure = share * PRESSURE / THRUST * 4.0 * np.pi**2 * 0.6 / LENGTH**2
+    sim = simulator(HOSE, HELD, {"hose.pressure": pressure, "terms.out_of_plane": "off"}, step=1e-4)
+    sim.cable.stiffness()
+    assert sim.cable.solve_held(np.zeros(13 * 2)) == buckles
+
+
+def test_a_bore_is_inside_the_hose():
+    for bore in (0.0, 0.02):
+        with pytest.raises(SceneError, match="hose.bore: .* below cable.diameter"):
+            simulator(HOSE, {"hose.bore": bore})
+    assert "pressure" in simulator(HOSE, HELD, {"hose.pressure": 0.0}).left_out
