@@ -179,13 +179,13 @@ class Contact(Group):
     """Obstacles, and the samples of the cable that touch them (`engine.contact`)."""
 
     count = Whole()  # obstacles
-    samples = Whole()  # of a span
-    last = Wholes("blocks")  # the same, or one more where a branch ends
-    basis = Lanes("blocks", "touches", 4)  # basis functions
-    weight = Lanes("blocks", "touches", 2)  # [m], of each rule
-    stride = Wholes(2)  # from one sample to the next, of each rule
+    coarse = Whole()  # groups of samples that touch half spaces, the first ones
+    pieces = Whole()  # groups of a span that touch bodies
+    first = Wholes("groups")  # column of the first control point, of the first lane
+    basis = Lanes("groups", 4)  # basis functions
+    weight = Lanes("groups")  # [m], 0 where there is no sample
+    pairs = Lanes("fine_groups", groups.LANES, 2)  # products of two, in order, of each sample
     core = Wholes("obstacles")  # HALF_SPACE, BOX, CYLINDER, TUBE or MESH
-    rule = Wholes("obstacles")
     half = Reals("obstacles", 3)  # size of the core along its axes
     reach = Reals("obstacles")  # by which the core is grown [m]
     extent = Reals("obstacles")  # of the core from its centre, that a rotation moves [m]
@@ -262,8 +262,9 @@ class State(Group):
     natural = Lanes("curved_blocks", "samples", 4)  # weight EI kappa0 (3), rest twist [rad/m]
     plastic = Lanes("plastic_blocks", "samples", 9)  # curvature; tangent, curvature before
     pose = Reals("obstacles", 36)  # at the start, the middle and the end of a step (`contact`)
-    near = Reals("blocks", "obstacles")  # 1 where spans may touch the obstacle, else 0
-    bristle = Lanes("blocks", "obstacles", "touches", 3)  # friction that sticks, in its frame [m]
+    near_count = Reals("obstacles")
+    near = Reals("obstacles", "groups")  # so many groups of samples that may touch the obstacle
+    bristle = Lanes("obstacles", "groups", 3)  # friction that sticks, in its frame [m]
 
 
 class Work(Group):
@@ -327,9 +328,11 @@ class Work(Group):
     border_system = Reals("bordered", "bordered")  # (C Z + compliance)^-1
     border_spare = Reals("unknowns")
     border_value = Reals("bordered")
-    trial = Lanes("blocks", "obstacles", "touches", 3)  # bristles at the end of the step
+    trial = Lanes("obstacles", "groups", 3)  # bristles at the end of the step
     looked = Reals(10, groups.LANES)  # places, then distances (`engine.distance_field`)
     contact_sums = Reals(90, groups.LANES)  # derivatives between the control points of a span
+    contact_values = Reals(9, groups.LANES)  # derivatives of the forces on samples
+    pair_sums = Reals(9, 2 * groups.LANES)
     # twist line of implicit steps
     twist_latest = Reals("lines", "columns")
     twist_rest = Reals("lines", "columns")

@@ -8,8 +8,10 @@ At y = R^T (r - c), the place of a sample r of the cable in the frame of the obs
 g = d(y) - reach with the signed distance d from the core. Obstacles may move: `state.pose` has R
 and c at the start, the middle and the end of a step, which are equal between steps.
 
-**Samples.** The cable touches at samples of its own, finer than the quadrature where an obstacle is
-small, with both ends of the cable: sharp tips would sink in between Gauss points.
+**Samples.** The cable touches at samples of its own, finer than the quadrature, with both ends of
+the cable: sharp tips would sink in between Gauss points. They are the lanes of groups: one sample
+of every span of a block for half spaces, which need few samples of much of the cable, and
+neighbouring samples of one span for bodies, which need many of little.
 
 **A step** from y0 to y1 of length tau, dy = y1 - y0, has for each sample and obstacle
     the discrete gradient of the gap, n = m + (g1 - g0 - m.dy) dy / |dy|^2 with
@@ -30,8 +32,8 @@ no part of it is negative.
 Implicit steps take all of this as one force. Explicit steps have the elastic pressure in their
 forces and the rest, friction and damping, as a kick at the end of a step (`dissipate`).
 
-**Broad phase.** Blocks of spans near an obstacle are found for many steps at once: until cable and
-obstacles have moved by `balance.contact_margin`.
+**Broad phase.** Groups of samples near an obstacle are found for many steps at once: until cable
+and obstacles have moved by `balance.contact_margin`.
 
 Everything is in coordinates of lines: a planar cable has its two, and zero for the third.
 """
@@ -119,6 +121,26 @@ def settle_pose(pose, at):
         pose[END + k] = value
 
 
+@part
+def see_all(cable):
+    """Let all groups of samples be near all obstacles until a step begins."""
+    contact, state = cable.contact, cable.state
+    state.balance.contact_margin = 0.0
+    for o in range(contact.count):
+        flat = contact.core[o] == HALF_SPACE
+        first = 0 if flat else contact.coarse
+        count = (contact.coarse if flat else len(contact.first)) - first
+        state.near_count[o] = count
+        for k in range(count):
+            state.near[o, k] = first + k
+
+
+@piece(void, int64, terms=CONTACT)
+def look_everywhere(address):
+    """`see_all`."""
+    see_all(cable_at(address))
+
+
 @piece(void, int64, float64, terms=CONTACT)
 def place_obstacles(address, t):
     """Set the poses of all obstacles to those at time t."""
@@ -126,6 +148,7 @@ def place_obstacles(address, t):
     for o in range(cable.contact.count):
         set_pose(cable, o, END, t)
         settle_pose(cable.state.pose[o], END)
+    see_all(cable)
 
 
 @part
@@ -276,46 +299,54 @@ def distance(cable, o, y):
 
 
 @part
-def span_points(cable, x, b):
-    """The four control points of every span of a block."""
-    at, none = MARGIN + LANES * b, zero()
-    if cable.dim == 3:
-        return (
-            (load(x, 0, at), load(x, 1, at), load(x, 2, at)),
-            (load(x, 0, at + 1), load(x, 1, at + 1), load(x, 2, at + 1)),
-            (load(x, 0, at + 2), load(x, 1, at + 2), load(x, 2, at + 2)),
-            (load(x, 0, at + 3), load(x, 1, at + 3), load(x, 2, at + 3)),
-        )
-    return (
-        (load(x, 0, at), load(x, 1, at), none),
-        (load(x, 0, at + 1), load(x, 1, at + 1), none),
-        (load(x, 0, at + 2), load(x, 1, at + 2), none),
-        (load(x, 0, at + 3), load(x, 1, at + 3), none),
-    )
+def sample_at(cable, x, g):
+    """Points of the curve at the samples of a group."""
+    e, at = cable.contact.basis[g], cable.contact.first[g]
+    c = zero()
+    if g < cable.contact.coarse:
+        a = e[0] * load(x, 0, at) + e[1] * load(x, 0, at + 1)
+        a += e[2] * load(x, 0, at + 2) + e[3] * load(x, 0, at + 3)
+        b = e[0] * load(x, 1, at) + e[1] * load(x, 1, at + 1)
+        b += e[2] * load(x, 1, at + 2) + e[3] * load(x, 1, at + 3)
+        if cable.dim == 3:
+            c = e[0] * load(x, 2, at) + e[1] * load(x, 2, at + 1)
+            c += e[2] * load(x, 2, at + 2) + e[3] * load(x, 2, at + 3)
+    else:
+        a = e[0] * x[0, at] + e[1] * x[0, at + 1] + (e[2] * x[0, at + 2] + e[3] * x[0, at + 3])
+        b = e[0] * x[1, at] + e[1] * x[1, at + 1] + (e[2] * x[1, at + 2] + e[3] * x[1, at + 3])
+        if cable.dim == 3:
+            c = e[0] * x[2, at] + e[1] * x[2, at + 1] + (e[2] * x[2, at + 2] + e[3] * x[2, at + 3])
+    return a, b, c
 
 
 @part
-def sample_at(contact, b, j, q):
-    """Point of the curve at sample j."""
-    e = contact.basis[b, j]
-    return (
-        e[0] * q[0][0] + e[1] * q[1][0] + (e[2] * q[2][0] + e[3] * q[3][0]),
-        e[0] * q[0][1] + e[1] * q[1][1] + (e[2] * q[2][1] + e[3] * q[3][1]),
-        e[0] * q[0][2] + e[1] * q[1][2] + (e[2] * q[2][2] + e[3] * q[3][2]),
-    )
+def push_samples(cable, g, f, out):
+    """out += forces on the samples of a group."""
+    e, at = cable.contact.basis[g], cable.contact.first[g]
+    if g < cable.contact.coarse:
+        for k in range(4):
+            store(out, 0, at + k, load(out, 0, at + k) + e[k] * f[0])
+            store(out, 1, at + k, load(out, 1, at + k) + e[k] * f[1])
+            if cable.dim == 3:
+                store(out, 2, at + k, load(out, 2, at + k) + e[k] * f[2])
+    else:
+        for k in range(4):
+            out[0, at + k] += lane_sum(e[k] * f[0])
+            out[1, at + k] += lane_sum(e[k] * f[1])
+            if cable.dim == 3:
+                out[2, at + k] += lane_sum(e[k] * f[2])
 
 
 @part
-def bristle_of(state, b, o, j):
-    """z."""
-    z = state.bristle[b, o, j]
+def vector_of(z):
+    """Three entries of lanes."""
     return z[0], z[1], z[2]
 
 
 @part
-def dropped(cable, b, o, j):
-    """Let a sample that does not touch lose its bristle; returns |z|^2."""
-    z, ends = bristle_of(cable.state, b, o, j), cable.work.trial[b, o, j]
+def drop(cable, o, g):
+    """Let the samples of a group, none of which touches, lose their bristles; returns |z|^2."""
+    z, ends = vector_of(cable.state.bristle[o, g]), cable.work.trial[o, g]
     ends[0] = zero()
     ends[1] = zero()
     ends[2] = zero()
@@ -326,25 +357,14 @@ def dropped(cable, b, o, j):
 
 
 @part
-def beyond(cable, o, r):
-    """Whether all lanes of points r are further from an obstacle than it, or they, may move in a
-    step; false for a half space, which has no bounds.
+def misses(contact, o, there, dy):
+    """Whether no lane can touch or pass an obstacle in a step dy to a `distance`: its gap there is
+    larger than the way; false for a half space, where nothing is saved.
     """
-    contact, pose = cable.contact, cable.state.pose[o]
     if contact.core[o] == HALF_SPACE:
         return False
-    room = contact.extent[o] + contact.reach[o] + cable.state.balance.contact_margin
-    a, b, c = r[0] - pose[END + 9], r[1] - pose[END + 10], r[2] - pose[END + 11]
-    return lane_sum(where(room * room - (a * a + b * b + c * c), 1.0, 0.0)) == 0.0
-
-
-@part
-def misses(contact, o, here, there, dy):
-    """Whether no lane can touch or pass an obstacle in a step dy between two `distance`: the way is
-    shorter than the sum of its gaps at both ends.
-    """
-    room = here[0] + there[0] - 2.0 * contact.reach[o]
-    free = where(room, where(room * room - dot(dy, dy), 0.0, 1.0), 1.0)
+    gap = there[0] - contact.reach[o]
+    free = where(gap, where(gap * gap - dot(dy, dy), 0.0, 1.0), 1.0)
     return lane_sum(free) == 0.0
 
 
@@ -399,15 +419,6 @@ def friction(law, stiff, n, dy, z, p):
 # -- forces, energy, Jacobian --------------------------------------------------------------------
 
 
-@part
-def add_to_point(cable, at, f, out):
-    """out += forces on one control point of every span of a block."""
-    store(out, 0, at, load(out, 0, at) + f[0])
-    store(out, 1, at, load(out, 1, at) + f[1])
-    if cable.dim == 3:
-        store(out, 2, at, load(out, 2, at) + f[2])
-
-
 @piece(
     *((float64, float64, float64, boolean), CABLE, float64, float64, float64),
     *(boolean, LINES, LINES, LINES),
@@ -424,67 +435,48 @@ def add_force(cable, springs, rate, most, rubs, x0, x1, out):
         Work of the obstacles [J], energy put into the bristles [J], loss [J], and whether no sample
         may have passed through an obstacle.
     """
-    contact, state, none = cable.contact, cable.state, (zero(), zero(), zero())
+    contact, state = cable.contact, cable.state
     worked, kept, lost, jumps = zero(), zero(), zero(), zero()
     begun, middle = (START, MIDDLE) if rate > 0.0 else (END, END)
     for o in range(contact.count):
-        law, pose, pick = contact.law[o], state.pose[o], contact.rule[o]
+        law, pose = contact.law[o], state.pose[o]
         rubbed = rubs and law[FRICTION] > 0.0
         stiff = law[BRISTLE], min(law[BRISTLE] + law[BRISTLE_DAMPING] * rate, most) + TINY
         rates = stiff[1] - stiff[0]
-        for b in range(cable.blocks):
-            if state.near[b, o] == 0.0:
-                continue
-            q0, q1 = span_points(cable, x0, b), span_points(cable, x1, b)
-            g0, g1, g2, g3 = none, none, none, none
-            for j in range(0, contact.last[b], contact.stride[pick]):
-                r1, w = sample_at(contact, b, j, q1), contact.weight[b, j, pick]
-                if beyond(cable, o, r1):
-                    if rubbed:
-                        stored = 0.5 * stiff[0] * w * dropped(cable, b, o, j)
-                        lost += stored
-                        kept = kept - stored
-                    continue
-                r0 = sample_at(contact, b, j, q0)
-                y0, y1 = to_body(pose, begun, r0), to_body(pose, END, r1)
-                here, there = distance(cable, o, y0), distance(cable, o, y1)
-                dy = combined(1.0, y1, -1.0, y0)
-                if contact.core[o] != HALF_SPACE and misses(contact, o, here, there, dy):
-                    if rubbed:
-                        stored = 0.5 * stiff[0] * w * dropped(cable, b, o, j)
-                        lost += stored
-                        kept = kept - stored
-                    continue
-                found = pressure(contact, o, rate, here, there, dy)
-                gaps, n, elastic, p, _, _, jumped = found
-                jumps += where(w, jumped, 0.0)
-                lost += w * (p - elastic) * (gaps[0] - gaps[1])
-                f = scaled(p - (1.0 - springs) * elastic, n)
+        for k in range(int(state.near_count[o])):
+            g = int(state.near[o, k])
+            r0, r1, w = sample_at(cable, x0, g), sample_at(cable, x1, g), contact.weight[g]
+            y0, y1 = to_body(pose, begun, r0), to_body(pose, END, r1)
+            dy, there = combined(1.0, y1, -1.0, y0), distance(cable, o, y1)
+            if misses(contact, o, there, dy):
                 if rubbed:
-                    z = bristle_of(state, b, o, j)
-                    trial, share, _, held, slip, _ = friction(law, stiff, n, dy, z, p)
-                    f = combined(1.0, f, -share, trial)
-                    z1 = scaled(1.0 / stiff[1], combined(rates, held, share, trial))
-                    z1 = where(p, z1[0], 0.0), where(p, z1[1], 0.0), where(p, z1[2], 0.0)
-                    change = combined(1.0, z1, -1.0, held)
-                    slid = combined(1.0, combined(1.0, held, 1.0, slip), -1.0, z1)
-                    full, stored = dot(z, z), dot(z1, z1)
-                    loss = (0.5 * stiff[0] + rates) * dot(change, change)
-                    loss += 0.5 * stiff[0] * (full - dot(held, held)) + share * dot(trial, slid)
-                    lost += w * where(p, loss, 0.5 * stiff[0] * full)
-                    kept += 0.5 * stiff[0] * w * (stored - full)
-                    ends = cable.work.trial[b, o, j]
-                    ends[0], ends[1], ends[2] = z1
-                on_lines = to_lines(pose, middle, f)
-                worked += w * (dot(on_lines, combined(1.0, r1, -1.0, r0)) - dot(f, dy))
-                push, e = scaled(w, on_lines), contact.basis[b, j]
-                g0, g1 = combined(1.0, g0, e[0], push), combined(1.0, g1, e[1], push)
-                g2, g3 = combined(1.0, g2, e[2], push), combined(1.0, g3, e[3], push)
-            at = MARGIN + LANES * b
-            add_to_point(cable, at, g0, out)
-            add_to_point(cable, at + 1, g1, out)
-            add_to_point(cable, at + 2, g2, out)
-            add_to_point(cable, at + 3, g3, out)
+                    stored = 0.5 * stiff[0] * w * drop(cable, o, g)
+                    lost += stored
+                    kept = kept - stored
+                continue
+            here = distance(cable, o, y0)
+            gaps, n, elastic, p, _, _, jumped = pressure(contact, o, rate, here, there, dy)
+            jumps += where(w, jumped, 0.0)
+            lost += w * (p - elastic) * (gaps[0] - gaps[1])
+            f = scaled(p - (1.0 - springs) * elastic, n)
+            if rubbed:
+                z = vector_of(state.bristle[o, g])
+                trial, share, _, held, slip, _ = friction(law, stiff, n, dy, z, p)
+                f = combined(1.0, f, -share, trial)
+                z1 = scaled(1.0 / stiff[1], combined(rates, held, share, trial))
+                z1 = where(p, z1[0], 0.0), where(p, z1[1], 0.0), where(p, z1[2], 0.0)
+                change = combined(1.0, z1, -1.0, held)
+                slid = combined(1.0, combined(1.0, held, 1.0, slip), -1.0, z1)
+                full, stored = dot(z, z), dot(z1, z1)
+                loss = (0.5 * stiff[0] + rates) * dot(change, change)
+                loss += 0.5 * stiff[0] * (full - dot(held, held)) + share * dot(trial, slid)
+                lost += w * where(p, loss, 0.5 * stiff[0] * full)
+                kept += 0.5 * stiff[0] * w * (stored - full)
+                ends = cable.work.trial[o, g]
+                ends[0], ends[1], ends[2] = z1
+            on_lines = to_lines(pose, middle, f)
+            worked += w * (dot(on_lines, combined(1.0, r1, -1.0, r0)) - dot(f, dy))
+            push_samples(cable, g, scaled(w, on_lines), out)
     return lane_sum(worked), lane_sum(kept), lane_sum(lost), lane_sum(jumps) == 0.0
 
 
@@ -499,28 +491,22 @@ def energy(cable, x, out):
     """Add the energy of pressure and bristles [J], obstacles at the end of the last step."""
     contact, state, sum_ = cable.contact, cable.state, zero()
     for o in range(contact.count):
-        law, pose, pick = contact.law[o], state.pose[o], contact.rule[o]
-        for b in range(cable.blocks):
-            if state.near[b, o] == 0.0:
-                continue
-            q = span_points(cable, x, b)
-            for j in range(0, contact.last[b], contact.stride[pick]):
-                r = sample_at(contact, b, j, q)
-                if beyond(cable, o, r):
-                    continue
-                y = to_body(pose, END, r)
-                deep = depth(distance(cable, o, y)[0] - contact.reach[o])
-                z = bristle_of(state, b, o, j)
-                stored = law[STIFFNESS] * deep * deep + law[BRISTLE] * dot(z, z)
-                sum_ += 0.5 * contact.weight[b, j, pick] * stored
+        law, pose = contact.law[o], state.pose[o]
+        for k in range(int(state.near_count[o])):
+            g = int(state.near[o, k])
+            y = to_body(pose, END, sample_at(cable, x, g))
+            deep = depth(distance(cable, o, y)[0] - contact.reach[o])
+            z = vector_of(state.bristle[o, g])
+            stored = law[STIFFNESS] * deep * deep + law[BRISTLE] * dot(z, z)
+            sum_ += 0.5 * contact.weight[g] * stored
     out[TOUCHING] += lane_sum(sum_)
 
 
 @part
-def by_motion(contact, o, rate, stiff, here, there, dy, z, rubbed):
-    """Minus d (p n + f) / d y1, by lines."""
-    law, n1, bend = contact.law[o], there[1], there[3]
-    _, n, _, p, slope, both, _ = pressure(contact, o, rate, here, there, dy)
+def by_motion(law, stiff, there, found, dy, z, rubbed):
+    """Minus d (p n + f) / d y1, by lines, from a `distance` and a `pressure`."""
+    n1, bend = there[1], there[3]
+    _, n, _, p, slope, both, _ = found
     turn = -p / both
     push, aside = scaled(-slope, n), scaled(-turn, n)
     h = (
@@ -564,40 +550,48 @@ def by_motion(contact, o, rate, stiff, here, there, dy, z, rubbed):
 def add_tangent(cable, rate, rubs, x0, x1, scale, band):
     """band -= scale times the Jacobian of `add_force` with respect to x1."""
     contact, state, work, dim = cable.contact, cable.state, cable.work, cable.dim
-    for b in range(cable.blocks):
-        found = zero()
-        q0, q1 = span_points(cable, x0, b), span_points(cable, x1, b)
-        for o in range(contact.count):
-            if state.near[b, o] == 0.0:
+    for o in range(contact.count):
+        law, pose, block = contact.law[o], state.pose[o], -1
+        rubbed = rubs and law[FRICTION] > 0.0
+        stiff = law[BRISTLE], law[BRISTLE] + law[BRISTLE_DAMPING] * rate + TINY
+        for k in range(int(state.near_count[o])):
+            g = int(state.near[o, k])
+            y0 = to_body(pose, START, sample_at(cable, x0, g))
+            y1 = to_body(pose, END, sample_at(cable, x1, g))
+            dy, there = combined(1.0, y1, -1.0, y0), distance(cable, o, y1)
+            if misses(contact, o, there, dy):
                 continue
-            law, pose, pick = contact.law[o], state.pose[o], contact.rule[o]
-            rubbed = rubs and law[FRICTION] > 0.0
-            stiff = law[BRISTLE], law[BRISTLE] + law[BRISTLE_DAMPING] * rate + TINY
-            for j in range(0, contact.last[b], contact.stride[pick]):
-                r1 = sample_at(contact, b, j, q1)
-                if beyond(cable, o, r1):
-                    continue
-                y0 = to_body(pose, START, sample_at(contact, b, j, q0))
-                y1 = to_body(pose, END, r1)
-                here, there = distance(cable, o, y0), distance(cable, o, y1)
-                dy = combined(1.0, y1, -1.0, y0)
-                if contact.core[o] != HALF_SPACE and misses(contact, o, here, there, dy):
-                    continue
-                z = bristle_of(state, b, o, j)
-                h = by_motion(contact, o, rate, stiff, here, there, dy, z, rubbed)
-                # R_middle h R_end^T
-                c0, c1 = to_lines(pose, END, h[0]), to_lines(pose, END, h[1])
-                c2 = to_lines(pose, END, h[2])
-                if lane_sum(found) == 0.0:
-                    clear_sums(work.contact_sums)
-                w = scale * contact.weight[b, j, pick]
-                found += where(w, 1.0, 0.0)
-                for i in range(dim):
-                    f = combined(pose[MIDDLE + 3 * i], c0, pose[MIDDLE + 3 * i + 1], c1)
-                    f = scaled(w, combined(1.0, f, pose[MIDDLE + 3 * i + 2], c2))
-                    add_line(work.contact_sums, contact.basis[b, j], dim, i, f)
-        if lane_sum(found) > 0.0:
-            scatter_sums(cable, b, found, band)
+            found = pressure(contact, o, rate, distance(cable, o, y0), there, dy)
+            if lane_sum(found[3]) == 0.0:
+                continue
+            z = vector_of(state.bristle[o, g])
+            h = by_motion(law, stiff, there, found, dy, z, rubbed)
+            # R_middle h R_end^T
+            c0, c1, c2 = (
+                to_lines(pose, END, h[0]),
+                to_lines(pose, END, h[1]),
+                to_lines(pose, END, h[2]),
+            )
+            w, coarse = scale * contact.weight[g], g < contact.coarse
+            if coarse and contact.first[g] != block:
+                if block >= 0:
+                    add_block(cable, block, band)
+                clear_sums(work.contact_sums)
+                block = contact.first[g]
+            for i in range(dim):
+                f = combined(pose[MIDDLE + 3 * i], c0, pose[MIDDLE + 3 * i + 1], c1)
+                f = scaled(w, combined(1.0, f, pose[MIDDLE + 3 * i + 2], c2))
+                if coarse:
+                    add_line(work.contact_sums, contact.basis[g], dim, i, f)
+                else:
+                    store(work.contact_values, i * dim, 0, f[0])
+                    store(work.contact_values, i * dim + 1, 0, f[1])
+                    if dim == 3:
+                        store(work.contact_values, i * dim + 2, 0, f[2])
+            if not coarse:
+                add_span(cable, g, band)
+        if block >= 0:
+            add_block(cable, block, band)
 
 
 @part
@@ -625,25 +619,51 @@ def add_line(sums, e, dim, i, f):
 
 
 @part
-def scatter_sums(cable, b, found, band):
-    """band += `Work.contact_sums` of the spans of a block that touch anything."""
+def add_block(cable, first, band):
+    """band += `Work.contact_sums` of the spans of the block from this column on."""
     dim, sums = cable.dim, cable.work.contact_sums
-    for span in range(min(LANES, cable.n - 3 - LANES * b)):
-        if lane(found, span) == 0.0:
-            continue
-        at = 0
-        for first in range(4):
-            for other in range(first, 4):
+    for span in range(min(LANES, MARGIN + cable.n - 3 - first)):
+        pair = 0
+        for one in range(4):
+            for other in range(one, 4):
                 for i in range(dim):
-                    row = band[(LANES * b + span + first) * dim + i]
-                    twin = band[(LANES * b + span + other) * dim + i]
-                    begin, apart = 4 * dim - 1 - i, (other - first) * dim
                     for c in range(dim):
-                        value = sums[at + c, span]
-                        row[begin + apart + c] += value
-                        if other > first:
-                            twin[begin - apart + c] += value
-                    at += dim
+                        value = sums[(pair * dim + i) * dim + c, span]
+                        add_pair(dim, first - MARGIN + span, one, other, i, c, value, band)
+                pair += 1
+
+
+@part
+def add_span(cable, g, band):
+    """band += what `Work.contact_values` of the samples of a group make of their span."""
+    dim, values, sums = cable.dim, cable.work.contact_values, cable.work.pair_sums
+    pairs = cable.contact.pairs[g - cable.contact.coarse]
+    for entry in range(dim * dim):
+        low, high = zero(), zero()
+        for k in range(LANES):
+            low += values[entry, k] * pairs[k, 0]
+            high += values[entry, k] * pairs[k, 1]
+        store(sums, entry, 0, low)
+        store(sums, entry, LANES, high)
+    pair = 0
+    for one in range(4):
+        for other in range(one, 4):
+            for i in range(dim):
+                for c in range(dim):
+                    value = sums[i * dim + c, pair]
+                    add_pair(dim, cable.contact.first[g] - MARGIN, one, other, i, c, value, band)
+            pair += 1
+
+
+@part
+def add_pair(dim, first, one, other, i, c, value, band):
+    """band += an entry between line i of control point first + `one` and line c of first + `other`,
+    and between line i of the latter and c of the former.
+    """
+    at, apart = 4 * dim - 1 - i + c, (other - one) * dim
+    band[(first + one) * dim + i, at + apart] += value
+    if other > one:
+        band[(first + other) * dim + i, at - apart] += value
 
 
 # -- broad phase ---------------------------------------------------------------------------------
@@ -667,29 +687,41 @@ def core_distance(cable, o, r0, r1, r2):
 
 @part
 def find_near(cable, x, margin):
-    """Set `state.near` where a block of spans may come within `margin` of an obstacle: the convex
-    hull of its control points contains it.
+    """Set `state.near` to the groups whose samples may come within `margin` of an obstacle: the
+    ball around the box that contains them does.
     """
-    for b in range(cable.blocks):
-        first = MARGIN + LANES * b
-        last = min(first + LANES + 3, MARGIN + cable.n)
-        square, c0, c1, c2 = 0.0, 0.0, 0.0, 0.0
-        for d in range(cable.dim):
-            low = high = x[d, first]
-            for i in range(first + 1, last):
-                low, high = min(low, x[d, i]), max(high, x[d, i])
+    contact, state, places = cable.contact, cable.state, cable.work.looked
+    for o in range(contact.count):
+        state.near_count[o] = 0.0
+    for g in range(len(contact.first)):
+        r, weight = sample_at(cable, x, g), contact.weight[g]
+        for d in range(3):
+            store(places, d, 0, r[0] if d == 0 else (r[1] if d == 1 else r[2]))
+        square, c0, c1, c2 = -1.0, 0.0, 0.0, 0.0
+        for d in range(3):
+            low, high = np.inf, -np.inf
+            for k in range(LANES):
+                if lane(weight, k) != 0.0:
+                    low, high = min(low, places[d, k]), max(high, places[d, k])
+            if low > high:
+                break
             middle = 0.5 * (low + high)
-            square += (high - middle) * (high - middle)
+            square = max(square, 0.0) + (high - middle) * (high - middle)
             if d == 0:
                 c0 = middle
             elif d == 1:
                 c1 = middle
             else:
                 c2 = middle
+        if square < 0.0:
+            continue
         room = np.sqrt(square) + margin
-        for o in range(cable.contact.count):
-            far = core_distance(cable, o, c0, c1, c2) - cable.contact.reach[o]
-            cable.state.near[b, o] = 0.0 if far > room else 1.0
+        for o in range(contact.count):
+            if (contact.core[o] == HALF_SPACE) != (g < contact.coarse):
+                continue
+            if core_distance(cable, o, c0, c1, c2) - contact.reach[o] <= room:
+                state.near[o, int(state.near_count[o])] = g
+                state.near_count[o] += 1.0
 
 
 @part
@@ -736,11 +768,10 @@ def keep_bristles(cable):
     contact, state = cable.contact, cable.state
     for o in range(contact.count):
         if contact.law[o, FRICTION] > 0.0:
-            for b in range(cable.blocks):
-                if state.near[b, o] != 0.0:
-                    for j in range(0, contact.last[b], contact.stride[contact.rule[o]]):
-                        for k in range(3):
-                            state.bristle[b, o, j, k] = cable.work.trial[b, o, j, k]
+            for k in range(int(state.near_count[o])):
+                g = int(state.near[o, k])
+                for d in range(3):
+                    state.bristle[o, g, d] = cable.work.trial[o, g, d]
         settle_pose(state.pose[o], END)
 
 
@@ -830,22 +861,18 @@ def dissipate(cable, tau):
 
 @piece(void, int64, int64, ARRAY_2D, terms=CONTACT)
 def report(address, obstacle, out):
-    """Gaps [m] and forces on the cable [N], by line, of all samples with an obstacle at the present
-    configuration: out[b LANES + lane (span), 4 j + 0 .. 3].
+    """Gaps [m] and forces on the cable [N], by line, of all samples that may touch an obstacle at
+    the present configuration: out[group, 4 lane + 0 .. 3].
     """
     cable, values = cable_at(address), grid(out)
     contact, state, o = cable.contact, cable.state, obstacle
-    law, pose, pick = contact.law[o], state.pose[o], contact.rule[o]
-    for b in range(cable.blocks):
-        q = span_points(cable, state.x, b)
-        for j in range(0, contact.last[b], contact.stride[pick]):
-            w = contact.weight[b, j, pick]
-            y = to_body(pose, END, sample_at(contact, b, j, q))
-            d, n, _, _ = distance(cable, o, y)
-            gap, z = d - contact.reach[o], bristle_of(state, b, o, j)
-            f = combined(-law[STIFFNESS] * depth(gap), n, -law[BRISTLE], z)
-            f = scaled(w, to_lines(pose, END, f))
-            for k in range(LANES):
-                row = values[LANES * b + k]
-                row[4 * j], row[4 * j + 1] = lane(gap, k), lane(f[0], k)
-                row[4 * j + 2], row[4 * j + 3] = lane(f[1], k), lane(f[2], k)
+    law, pose, flat = contact.law[o], state.pose[o], contact.core[o] == HALF_SPACE
+    for g in range(0 if flat else contact.coarse, contact.coarse if flat else len(contact.first)):
+        y = to_body(pose, END, sample_at(cable, state.x, g))
+        d, n, _, _ = distance(cable, o, y)
+        gap, z = d - contact.reach[o], vector_of(state.bristle[o, g])
+        f = combined(-law[STIFFNESS] * depth(gap), n, -law[BRISTLE], z)
+        f = scaled(contact.weight[g], to_lines(pose, END, f))
+        for k in range(LANES):
+            values[g, 4 * k], values[g, 4 * k + 1] = lane(gap, k), lane(f[0], k)
+            values[g, 4 * k + 2], values[g, 4 * k + 3] = lane(f[1], k), lane(f[2], k)

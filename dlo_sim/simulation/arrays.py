@@ -13,6 +13,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import inextensible
 
 Array = NDArray[np.float64]
+COARSE = 3  # groups of samples of a block that touch planes, the last one at an end of the cable
 
 
 def sizes_of(
@@ -31,7 +32,7 @@ def sizes_of(
     grasps: int,
     loads: int,
     obstacles: int,
-    touches: int,
+    pieces: int,
     constraints: int,
     field_values: int = 0,
 ) -> dict[str, int]:
@@ -39,11 +40,13 @@ def sizes_of(
 
     Args:
         terms: bits of the active terms. rigid: rows, of which `border` between control points;
-            springs: other rows, of which `joints` between two branches. constraints: of the length,
-            0 if the cable is extensible.
+            springs: other rows, of which `joints` between two branches. pieces: groups of samples
+            of a span that touch bodies, 0 without obstacles. constraints: of the length, 0 if the
+            cable is extensible. field_values: of meshes that are obstacles.
     """
     lines, unknowns = dim + twist, n * dim
-    blocks, columns = -(-(n - DEGREE) // LANES), LANES * (-(-n // LANES) + 1)
+    spans = n - DEGREE
+    blocks, columns = -(-spans // LANES), LANES * (-(-n // LANES) + 1)
     bishop, curved, plastic = (
         bool(terms & bit) for bit in (arrays.BISHOP, arrays.CURVED, arrays.PLASTICITY)
     )
@@ -67,7 +70,8 @@ def sizes_of(
         "grasps": grasps,
         "loads": loads,
         "obstacles": obstacles,
-        "touches": touches,
+        "groups": pieces and (COARSE * blocks + pieces * spans),
+        "fine_groups": pieces * spans,
         "field_values": field_values,
         "constraints": constraints,
         "seen": 4 * dim,
@@ -87,7 +91,7 @@ def sizes_of(
     }
 
 
-def most_sizes(scene: Scene, n: int, samples: int, touches: int) -> dict[str, int]:
+def most_sizes(scene: Scene, n: int, samples: int, pieces: int) -> dict[str, int]:
     """Sizes with room for whatever may become active while a cable of the scene runs: motion in
     space, twist, every grasp, all loads, obstacles from markers. Memory of these sizes is allocated
     once, unless `Simulator.add_obstacles` adds more of them.
@@ -108,7 +112,7 @@ def most_sizes(scene: Scene, n: int, samples: int, touches: int) -> dict[str, in
         grasps=holders,
         loads=len(scene.loads),
         obstacles=max(len(scene.bodies), len(scene.obstacles) + scene.contact.markers),
-        touches=touches,
+        pieces=pieces,
         constraints=n - 1 if inextensible(scene) else 0,
     )
 
@@ -131,12 +135,18 @@ def to_blocks(values: Array, beyond: float = 0.0) -> Array:
     return np.ascontiguousarray(np.moveaxis(by_lane, 1, -1))
 
 
-def resampled(blocks: Array, count: int) -> Array:
-    """Values at count + 1 equally spaced samples of every span from those at other ones, shape
-    (blocks, samples, ...): each is that of the nearest sample.
+def resampled(groups: Array, coarse: int, pieces: int, count: int) -> Array:
+    """Values of samples, shape (groups, ..., LANES), with `pieces` groups of a span behind the
+    `coarse` ones, for `count` groups of a span: each is that of the nearest sample.
     """
-    nearest = np.rint(np.arange(count + 1) * ((blocks.shape[1] - 1) / count)).astype(int)
-    return np.asarray(blocks[:, nearest])
+    if pieces == count:
+        return groups
+    inner = groups.shape[1:-1]
+    by_span = np.moveaxis(groups[coarse:].reshape(-1, pieces, *inner, LANES), -1, 2)
+    by_span = by_span.reshape(len(by_span), pieces * LANES, *inner)
+    nearest = (np.arange(count * LANES) + 0.5) * (pieces / count)
+    by_lane = by_span[:, nearest.astype(int)].reshape(-1, LANES, *inner)
+    return np.concatenate([groups[:coarse], np.moveaxis(by_lane, 1, -1)])
 
 
 def from_blocks(blocks: Array, spans: int) -> Array:

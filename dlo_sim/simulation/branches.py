@@ -18,10 +18,11 @@ from dlo_sim.core import bspline
 from dlo_sim.core.quadrature import Quadrature
 from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays, Mesh
-from dlo_sim.simulation.arrays import from_blocks, sizes_of, to_blocks, without_margins
+from dlo_sim.simulation.arrays import COARSE, from_blocks, sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.build_model import fill_rows, held_values, terms_of_holding
 from dlo_sim.simulation.holding import Holding, Point, Row, Weights
 from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.obstacles import samples_by_span, write_samples
 
 Array = NDArray[np.float64]
 VOID = bspline.DEGREE  # knot spans between two branches
@@ -59,7 +60,7 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
     """
     first = models[0]
     for model in models:
-        alike = ("dim", "lines", "samples", "touches", "constraints")
+        alike = ("dim", "lines", "samples", "constraints")
         unlike = any(model.arrays.sizes[size] != first.arrays.sizes[size] for size in alike)
         if unlike or (model.terms ^ first.terms) & ~HELD:
             raise ValueError("branches: need the same lines, terms, and samples in a span")
@@ -85,7 +86,7 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
         grasps=sum(model.arrays.sizes["grasps"] for model in models),
         loads=sum(model.arrays.sizes["loads"] for model in models),
         obstacles=first.arrays.sizes["obstacles"],
-        touches=first.arrays.sizes["touches"],
+        pieces=first.arrays.contact.pieces,
         constraints=0,
         field_values=first.arrays.sizes["field_values"],
     )
@@ -109,7 +110,7 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
     )
     arrays.axes[:] = first.arrays.axes
     arrays.physics = first.arrays.physics
-    _fill_contact(arrays, [model.arrays for model in models])
+    _fill_contact(arrays, models)
     _fill_mesh(arrays.mesh, [model.arrays for model in models], starts)
     _fill_lines(arrays, [model.arrays for model in models], starts)
     values = held_values(model)
@@ -138,19 +139,17 @@ def _fill_mesh(mesh: Mesh, parts: Sequence[CableArrays], starts: Sequence[int]) 
         getattr(mesh, name)[:] = to_blocks(_with_voids(lanes, void), beyond=void)
 
 
-def _fill_contact(arrays: CableArrays, parts: Sequence[CableArrays]) -> None:
+def _fill_contact(arrays: CableArrays, models: Sequence[Model]) -> None:
     """The obstacles of the first branch, and the samples of all that touch them."""
-    contact, first = arrays.contact, parts[0].contact
+    contact, first = arrays.contact, models[0].arrays.contact
     if not first.count:
         return
     for name in contact.fields:
-        if name in ("basis", "weight"):
-            lanes = [from_blocks(getattr(p.contact, name), p.n - bspline.DEGREE) for p in parts]
-            getattr(contact, name)[:] = to_blocks(_with_voids(lanes))
-        elif name != "last":
+        if name not in ("first", "basis", "weight", "pairs"):
             setattr(contact, name, getattr(first, name))
-    ends = contact.weight[:, contact.samples] > 0.0
-    contact.last[:] = contact.samples + np.any(ends, axis=(1, 2))
+    contact.coarse = COARSE * arrays.blocks
+    parts = [samples_by_span(model.knots, contact.pieces) for model in models]
+    write_samples(contact, *map(_with_voids, zip(*parts, strict=True)))
 
 
 def _fill_lines(arrays: CableArrays, parts: Sequence[CableArrays], starts: Sequence[int]) -> None:

@@ -16,7 +16,7 @@ from dlo_sim.simulation.arrays import most_sizes, sizes_of, to_blocks, without_m
 from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.holding import Holding, holding_of
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.obstacles import field_values, samples_of
+from dlo_sim.simulation.obstacles import field_values, pieces_of
 from dlo_sim.simulation.resolution import knot_grading
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ def build_model(
     rule = _quadrature(scene, knots)
     holding = holding_of(scene, geometries, knots, axes, twist)
     curved = "bend" in needs and ("plasticity" in needs or scene.cable.shaped)
-    touches = samples_of(scene) + 1 if "contact" in needs else 0
+    pieces = pieces_of(scene) if "contact" in needs else 0
     sizes = sizes_of(
         terms=_terms(scene, needs, curved, holding),
         dim=len(axes),
@@ -55,7 +55,7 @@ def build_model(
         grasps=len(geometries),
         loads=len(scene.loads) if "loads" in needs else 0,
         obstacles=len(scene.bodies) * ("contact" in needs),
-        touches=touches,
+        pieces=pieces,
         constraints=n - 1 if inextensible(scene) else 0,
         field_values=field_values(scene) if "contact" in needs else 0,
     )
@@ -65,7 +65,7 @@ def build_model(
     rest[list(axes)] = 0.0
     bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
     origin = np.zeros(3) if origin is None else origin
-    room = obstacles.MOST_SAMPLES + 1 if scene.contact.markers else touches
+    room = obstacles.MOST_PIECES if scene.contact.markers else pieces
     most = most_sizes(scene, n, rule.xi.shape[1], room)
     stiffness = scene.cable.EA, bending
     places = dict(zip(scene.bodies, obstacles.at_rest(scene, origin), strict=True))

@@ -32,6 +32,7 @@ from dlo_sim.simulation.arrays import from_blocks, resampled, to_blocks, without
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
+Samples = tuple[Array, int, int]  # values of the groups of samples, `Contact.coarse` and `pieces`
 CREEP = 1e-6  # cable lengths per second; the account's floor is the energy of such a motion
 
 
@@ -53,7 +54,6 @@ class Cable:
         self._allocate(model)
         self._begin_slides()
         self._touch({})
-        self.arrays.state.near[:] = 1.0
         self.place_obstacles(0.0)
 
     def _allocate(self, model: Model) -> None:
@@ -98,23 +98,24 @@ class Cable:
         self.account.load_work += pending
         self._forget_history()
 
-    def _touched(self) -> dict[Obstacle, tuple[Array, Array]]:
+    def _touched(self) -> dict[Obstacle, tuple[Array, Samples]]:
         """Motion and bristles of every obstacle."""
-        bristles = np.moveaxis(np.array(self.arrays.state.bristle), 1, 0)
-        rows = zip(self.obstacles.copy(), bristles, strict=True)
+        contact, bristles = self.arrays.contact, np.array(self.arrays.state.bristle)
+        samples = [(one, contact.coarse, contact.pieces) for one in bristles]
+        rows = zip(self.obstacles.copy(), samples, strict=True)
         return dict(zip(self.model.obstacles, rows, strict=False))
 
-    def _touch(self, before: Mapping[Obstacle, tuple[Array, Array]]) -> None:
+    def _touch(self, before: Mapping[Obstacle, tuple[Array, Samples]]) -> None:
         """Continue what was before with the obstacles that there are still; the others rest in
         their places.
         """
-        bristles = np.moveaxis(np.asarray(self.arrays.state.bristle), 1, 0)
+        bristles, pieces = np.asarray(self.arrays.state.bristle), self.arrays.contact.pieces
         for k, (obstacle, place) in enumerate(self.model.obstacles.items()):
             if k < len(self.obstacles):
                 self.obstacles[k] = place
                 if obstacle in before:
                     self.obstacles[k], kept = before[obstacle]
-                    bristles[k] = resampled(kept, bristles.shape[2] - 1)
+                    bristles[k] = resampled(*kept, pieces)
 
     def _begin_slides(self) -> None:
         self.slides[:] = [slide.u for slide in self.model.holding.slides]
@@ -322,7 +323,8 @@ class Cable:
         account = self.account
         account.known = account.is_counted = account.pending = 0.0
         account.has_reaction = account.matrix_weight = 0.0
-        account.contact_margin, self.arrays.state.near[:] = 0.0, 1.0
+        if self.model.has(CONTACT):
+            self.call(contact.look_everywhere)
 
     def potentials(self) -> Array:
         """Potential energies [J] in the order of `engine.arrays.ENERGIES`."""

@@ -13,13 +13,13 @@ from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core import bspline, mass, quadrature, rotations, spectrum
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import contact
-from dlo_sim.engine.arrays import MOTION_SIZE, CableArrays
+from dlo_sim.engine.arrays import MARGIN, MOTION_SIZE, CableArrays
 from dlo_sim.engine.arrays import Contact as ContactArrays
 from dlo_sim.engine.grasps import DURATION, FRAME, POSITION, START, TURN
 from dlo_sim.scene.description import EARTH, Obstacle, Scene
 from dlo_sim.scene.needs import inextensible
 from dlo_sim.scene.refusal import SceneError
-from dlo_sim.simulation.arrays import to_blocks
+from dlo_sim.simulation.arrays import COARSE, to_blocks
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.meshes import field_of
 from dlo_sim.simulation.model import Model
@@ -28,10 +28,10 @@ Array = NDArray[np.float64]
 PLANE_SAMPLES = 2  # of a knot span, that planes touch
 STRETCHED = 1.1  # lengths that a cable reaches
 PLACES = 101  # of the cable that are checked for being inside obstacles
-MOST_SAMPLES = 8  # of a knot span
+MOST_PIECES = 4  # groups of LANES samples of a knot span, that bodies touch
 ACROSS, AROUND = 14, 24  # points of a drawn ring, across its wire and around it
 PASSES, BISECTIONS = 8, 30  # looks at a knot span for a passage, and at a passage
-APART = 0.5  # distance of samples in reaches of the smallest obstacle
+APART = 1.0  # distance of samples in reaches of the smallest obstacle
 # Penetration by the weight of the whole cable hung over an obstacle, in diameters. Planes, on
 # which only its own weight lies, have `description.DEPTH`.
 HUNG_DEPTH = 0.01
@@ -245,12 +245,12 @@ def contact_with(
             at material coordinates [m]; None = not known.
     """
     model, group = cable.model, cable.arrays.contact
-    count, spans = group.samples, model.n - bspline.DEGREE
-    rows = np.zeros((cable.arrays.blocks * LANES, 4 * (count + 1)))
+    rows = np.zeros((len(group.first), 4 * LANES))
     cable.call(contact.report, number, rows)
-    samples = rows[:spans].reshape(spans, count + 1, 4)
-    used = count if group.rule[number] else PLANE_SAMPLES
-    rule = touching(model.knots, count, used)
+    coarse, fine = by_span(rows.reshape(-1, LANES, 4), group.coarse, model.n - bspline.DEGREE)
+    flat = group.core[number] == contact.HALF_SPACE
+    samples = coarse if flat else fine
+    rule = plane_rule(model.knots) if flat else body_rule(model.knots, group.pieces)
     there = rule.weights != 0.0
     found, u = samples[there], rule.places(bspline.breaks(model.knots))[there]
     touches = found[:, 0] < 0.0
@@ -320,8 +320,8 @@ def out_of_reach(scene: Scene) -> dict[str, str]:
     return found
 
 
-def samples_of(scene: Scene) -> int:
-    """Samples of a knot span that touch obstacles, even; 0 without obstacles."""
+def pieces_of(scene: Scene) -> int:
+    """Groups of LANES samples of a knot span that touch bodies; 0 without obstacles."""
     if not scene.bodies:
         return 0
     span = scene.cable.length / (scene.discretization.control_points - bspline.DEGREE)
@@ -330,28 +330,23 @@ def samples_of(scene: Scene) -> int:
         for obstacle in scene.bodies
         if obstacle.shape != "plane"
     ]
-    wanted = span / (APART * min(reaches)) if reaches else 0.0
-    fine = PLANE_SAMPLES * math.ceil(min(wanted, MOST_SAMPLES) / PLANE_SAMPLES)
-    return max(fine, PLANE_SAMPLES)
+    wanted = span / (APART * LANES * min(reaches)) if reaches else 0.0
+    return min(max(math.ceil(wanted), 1), MOST_PIECES)
 
 
 def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
     """Constants of the contact with the obstacles of a scene."""
     group, radius = arrays.contact, 0.5 * scene.cable.diameter
     group.count = len(group.core)
-    group.samples = count = samples_of(scene)
+    group.pieces, group.coarse = pieces_of(scene), COARSE * arrays.blocks
     group.still[:] = still
     group.density, group.least_margin = scene.cable.mu, scene.cable.diameter
-    group.stride[:] = count // PLANE_SAMPLES, 1
-    coarse, fine = (touching(knots, count, used) for used in (PLANE_SAMPLES, count))
-    group.basis[:] = to_blocks(_values(knots, fine.xi))
-    group.weight[:] = to_blocks(np.stack((coarse.weights, fine.weights), axis=-1))
-    group.last[:] = count + np.any(group.weight[:, count] > 0.0, axis=(1, 2))
+    write_samples(group, *samples_by_span(knots, group.pieces))
     for k, obstacle in enumerate(scene.bodies[: group.count]):
         core = core_of(obstacle, radius)
         flat = core.kind == contact.HALF_SPACE
         group.core[k], group.half[k], group.reach[k] = core
-        group.rule[k], group.law[k] = int(not flat), law(scene, obstacle)
+        group.law[k] = law(scene, obstacle)
         if core.kind == contact.MESH:
             _fill_field(obstacle, radius, group, k)
         # The cable is never further from what it touches.
@@ -381,37 +376,92 @@ def largest_frequency(model: Model) -> float:
     """
     group, free = model.arrays.contact, np.ones(model.n, dtype=bool)
     largest = 0.0
-    for used, law in zip(group.rule, group.law, strict=True):
-        rule = touching(model.knots, group.samples, group.samples if used else PLANE_SAMPLES)
+    for core, law in zip(group.core, group.law, strict=True):
+        flat = core == contact.HALF_SPACE
+        rule = plane_rule(model.knots) if flat else body_rule(model.knots, group.pieces)
         pressed = law[contact.STIFFNESS] * mass.gram(model.knots, rule=rule)
         largest = max(largest, spectrum.largest_of_line(pressed, model.mass(0), free))
     return largest
 
 
-def touching(knots: Array, count: int, used: int) -> quadrature.Quadrature:
-    """Trapezoidal rule on `used` of `count` samples a span; a last sample, count + 1, is its end,
-    which counts in the last span only.
+def plane_rule(knots: Array) -> quadrature.Quadrature:
+    """`trapezoidal` rule of the samples that touch planes; the third one of a span counts in the
+    last span only, whose end it is.
+    """
+    spans = len(knots) - 2 * bspline.DEGREE - 1
+    xi = np.tile(np.linspace(-1.0, 1.0, PLANE_SAMPLES + 1), (spans, 1))
+    there = np.ones(xi.shape, dtype=bool)
+    there[:-1, -1] = False
+    return trapezoidal(knots, xi, there)
+
+
+def body_rule(knots: Array, pieces: int) -> quadrature.Quadrature:
+    """`trapezoidal` rule of the samples that touch bodies, as many groups of a span; those of the
+    last span are a little closer, up to its end.
+    """
+    spans, count = len(knots) - 2 * bspline.DEGREE - 1, pieces * LANES
+    xi = np.tile(2.0 * np.arange(count) / count - 1.0, (spans, 1))
+    xi[-1] = np.linspace(-1.0, 1.0, count)
+    return trapezoidal(knots, xi, np.ones(xi.shape, dtype=bool))
+
+
+def trapezoidal(knots: Array, xi: Array, there: NDArray[np.bool_]) -> quadrature.Quadrature:
+    """Trapezoidal rule on the samples at xi (spans, k) that are there.
 
     Its weights are changed as little as makes the integrals of all basis functions exact, so that
     a cable under its own weight lies evenly on a plane, ends included.
     """
-    ends, step = bspline.breaks(knots), count // used
-    spans = np.diff(ends)
-    xi = np.tile(2.0 * np.arange(count + 1) / count - 1.0, (len(spans), 1))
-    weights, each = np.zeros(xi.shape), spans / used
-    weights[:, 0:count:step] = each[:, None]
-    weights[0, 0] *= 0.5
-    weights[1:, 0] = 0.5 * (each[1:] + each[:-1])
-    weights[-1, count] = 0.5 * each[-1]
-    there, first = weights > 0.0, np.arange(len(spans))[:, None]
-    every = np.zeros((*xi.shape, len(spans) + bspline.DEGREE))
+    ends = bspline.breaks(knots)
+    places = quadrature.Quadrature(xi, np.ones(xi.shape)).places(ends)
+    apart = np.diff(places[there])
+    weights = np.zeros(xi.shape)
+    weights[there] = 0.5 * (np.append(apart, 0.0) + np.append(0.0, apart))
+    spans = len(ends) - 1
+    first, every = np.arange(spans)[:, None], np.zeros((*xi.shape, spans + bspline.DEGREE))
     values = _values(knots, xi)
     for k in range(bspline.ACTIVE):
-        every[first, np.arange(count + 1), first + k] = values[..., k]
+        every[first, np.arange(xi.shape[1]), first + k] = values[..., k]
     integrals = (knots[bspline.ACTIVE :] - knots[: -bspline.ACTIVE]) / bspline.ACTIVE
     lacking = integrals - weights[there] @ every[there]
     weights[there] += np.linalg.lstsq(every[there].T, lacking, rcond=None)[0]
     return quadrature.Quadrature(xi, weights)
+
+
+def samples_by_span(knots: Array, pieces: int) -> tuple[Array, Array]:
+    """Basis functions and weights, shape (spans, samples, 5), of samples that touch planes, and of
+    those that touch bodies.
+    """
+    rules = plane_rule(knots), body_rule(knots, pieces)
+    coarse, fine = (
+        np.concatenate([_values(knots, rule.xi), rule.weights[..., None]], axis=-1)
+        for rule in rules
+    )
+    return coarse, fine
+
+
+def write_samples(group: ContactArrays, coarse: Array, fine: Array) -> None:
+    """Write `samples_by_span` as groups."""
+    spans, blocks = len(fine), group.coarse // COARSE
+    flat = to_blocks(coarse).transpose(0, 1, 3, 2)  # block, sample, lane, value
+    bodies = fine.reshape(spans * group.pieces, LANES, 5)
+    values = np.concatenate([flat.reshape(-1, LANES, 5), bodies])
+    group.basis[:] = values[..., :4].swapaxes(1, 2)
+    group.weight[:] = values[..., 4]
+    firsts = np.repeat(LANES * np.arange(blocks), COARSE), np.repeat(np.arange(spans), group.pieces)
+    group.first[:] = MARGIN + np.concatenate(firsts)
+    one, other = np.triu_indices(bspline.ACTIVE)
+    pairs = np.zeros((*bodies.shape[:2], 2 * LANES))
+    pairs[..., : len(one)] = bodies[..., one] * bodies[..., other]
+    group.pairs[:] = pairs.reshape(*bodies.shape[:2], 2, LANES)
+
+
+def by_span(groups: Array, coarse: int, spans: int) -> tuple[Array, Array]:
+    """Values of groups of samples, shape (groups, LANES, k), by span: of those that touch planes,
+    and of those that touch bodies.
+    """
+    flat = groups[:coarse].reshape(-1, COARSE, LANES, groups.shape[-1]).swapaxes(1, 2)
+    flat = flat.reshape(-1, COARSE, groups.shape[-1])[:spans]
+    return flat, groups[coarse:].reshape(spans, -1, groups.shape[-1])
 
 
 def _values(knots: Array, xi: Array) -> Array:

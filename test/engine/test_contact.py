@@ -77,7 +77,6 @@ class Step(Bench):
         straight[:, 0] = self.greville
         self.first = straight + 0.01 * rng.standard_normal((self.n, 4))
         self.second = self.first + motion * rng.standard_normal((self.n, 4))
-        self.cable.account.contact_margin = 10.0  # all samples are looked at
         self.bristle = self.cable.arrays.state.bristle
         self.bristle[:] = 0.3 * motion * rng.standard_normal(self.bristle.shape)
 
@@ -116,7 +115,7 @@ def test_a_step_accounts_for_its_energy(shape, friction):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_its_jacobian_is_that_of_the_force(shape, friction):
     """But for the change of the normal's directional part, and of the plane of friction: both are
-    small with the motion in a step.
+    small with the motion in a step, beside the radius of curvature.
     """
     step = Step(shape, friction, motion=1e-4)
     step.cable.obstacles[0, ACTIVE] = 0.0
@@ -130,7 +129,7 @@ def test_its_jacobian_is_that_of_the_force(shape, friction):
         moved[column // dim, column % dim] = size
         ahead, behind = (step.force(step.second + sign * moved)[0] for sign in (1.0, -1.0))
         exact[:, column] = -(ahead - behind).T.ravel() / (2.0 * size)
-    close = 0.02 if shape in ("rim", "ring") and friction else 2e-3
+    close = 0.03 if shape in ("rim", "ring", "channel") and friction else 2e-3
     assert np.abs(found - exact).max() < close * np.abs(exact).max()
 
 
@@ -196,11 +195,14 @@ def test_the_distance_is_that_of_the_nearest_point(shape, box, close):
 
 
 def test_weights_integrate_every_basis_function():
-    for n, count in ((4, 2), (9, 2), (20, 6)):
+    for n in (4, 9, 20):
         knots = bspline.clamped_knots(n, 1.0, bspline.Grading(1.0, 0.0, 0.2))
-        rule = obstacles.touching(knots, count, 2)
-        assert rule.weights[:, 0].min() > 0.0
-        there = rule.weights > 0.0
-        basis = bspline.evaluate(np.eye(n), knots, rule.places(bspline.breaks(knots))[there])
-        exact = (knots[4:] - knots[:-4]) / 4.0
-        np.testing.assert_allclose(rule.weights[there] @ basis, exact, rtol=1e-9)
+        for rule in (obstacles.plane_rule(knots), obstacles.body_rule(knots, 1)):
+            assert rule.weights[:, :-1].min() > 0.0
+            there = rule.weights > 0.0
+            places = rule.places(bspline.breaks(knots))[there]
+            assert places[0] == 0.0
+            assert places[-1] == pytest.approx(1.0, rel=1e-12)
+            exact = (knots[4:] - knots[:-4]) / 4.0
+            basis = bspline.evaluate(np.eye(n), knots, places)
+            np.testing.assert_allclose(rule.weights[there] @ basis, exact, rtol=1e-9)
