@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
@@ -217,6 +218,153 @@ def conveyor(step: float, method: str = "energy_momentum") -> Measured:
     return Measured((Answer("force [N]", exact, float(np.mean(pulls))),), seconds, sim)
 
 
+def bent(sim: Simulator, place: Callable[[float], tuple[float, float, float]]) -> None:
+    """Start from a shape given by material coordinate."""
+    points = np.zeros((len(sim.greville), 4))
+    line = np.array([place(u) for u in sim.greville])
+    points[:, :3] = bspline.interpolate(sim.model.knots, line)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="control points: those held")
+        sim.start_from(points)
+
+
+def column(points: int) -> Measured:
+    """A clamped column between walls, pressed along itself: where the load reaches
+    16 pi^2 EI / L^2, its middle lies flat on a wall that it touched at a point before.
+
+    Up to there the curvature at that point is, with k^2 = load / EI, y = k L / 2 and the gap h,
+    k^2 h / (1 - cos y - (y - sin y) / tan(y / 2)). The load at which it vanishes is that of the law
+    with which the measured curvatures agree, from 0.4 to 0.75 of it: near the end, the column
+    escapes to the other wall.
+    """
+    length, gap, thick, axial, seconds = 0.5, 1e-3, 0.005, 1e5, 0.0
+    flat = 16.0 * math.pi**2 * EI / length**2
+    bow = (math.pi * gap) ** 2 / (4.0 * length)  # by which it is shorter than the wall it touches
+    begun = bow + 0.4 * flat * length / axial
+    sim = simulator(
+        {
+            "cable.length": length,
+            "cable.diameter": thick,
+            "cable.linear_density": 0.05,
+            "cable.axial_stiffness": axial,
+            "cable.bending_stiffness": EI,
+            "gravity": [0.0, 0.0, 0.0],
+            "damping.mass": 20.0,
+            "damping.bend": 2e-3,
+            "start.clamped": True,
+            "start.tangent": [1.0, 0.0, 0.0],
+            "end.position": [length - begun, 0.0, 0.0],
+            "end.fixed": [True] * 3,
+            "end.clamped": True,
+            "end.tangent": [1.0, 0.0, 0.0],
+            "initial.shape": "straight",
+            "obstacles.names": ["floor", "roof"],
+            "obstacles.floor.position": [0.0, 0.0, -0.5 * thick - gap],
+            "obstacles.roof.position": [0.0, 0.0, 0.5 * thick + gap],
+            "obstacles.roof.orientation": [1.0, 0.0, 0.0, 0.0],
+            "contact.stiffness": 1e8,
+            "discretization.control_points": points,
+            "terms.out_of_plane": "off",
+        },
+        step=1e-3,
+    )
+
+    def place(u: float) -> tuple[float, float, float]:
+        height = 0.5 * gap * (1.0 - math.cos(2.0 * math.pi * u / length))
+        return u * (1.0 - begun / length), 0.0, height
+
+    bent(sim, place)
+    seconds += advanced(sim, 0.3)
+    way = np.array([0.3 * flat * length / axial, 0.0, 0.0])
+    path = EndMotion.resting([length - begun, 0.0, 0.0], start=sim.time)
+    sim.set_motion("end", path.then(2.0, velocity=-0.5 * way))
+    shares = np.linspace(0.3, 0.98, 1001)
+    y = 2.0 * math.pi * np.sqrt(shares)
+    law = 1.0 - np.cos(y) - (y - np.sin(y)) / np.tan(0.5 * y)
+    law = (2.0 * y / length) ** 2 * gap / law  # falls with the load
+    loads = []
+    for _ in range(40):
+        seconds += advanced(sim, 0.05)
+        before, there, after = sim.centerline(0.5 * length + np.array([-1e-3, 0.0, 1e-3]))[:, 2]
+        curvature = (2.0 * there - before - after) / 1e-6
+        loads.append(-sim.reaction("end")[0][0] / np.interp(-curvature, -law, shares))
+    return Measured((Answer("load [N]", flat, float(np.mean(loads))),), seconds, sim)
+
+
+def pegs(points: int) -> Measured:
+    """The shortest chain that stays on two smooth pegs 2 b apart: 2 b e long, if they are thin.
+
+    On pegs with the distance rho of its axis from theirs, the chain leaves the inner side at the
+    slope phi. The tension T of a smooth chain in equilibrium changes by w per height, so its tails
+    are a / cos(phi) - rho cos(phi) long, a = (b - rho sin(phi)) / asinh(tan(phi)). The length,
+    2 (a tan(phi) + rho (phi + pi / 2) + tail), is smallest at some phi. A chain that is started in
+    this shape stays or runs off; which length does is found by bisection.
+    """
+    half, radius, thick, seconds = 0.25, 0.025, 0.005, 0.0
+    rho = radius + 0.5 * thick
+    slopes = np.linspace(0.5, 1.2, 7001)
+    sags = (half - rho * np.sin(slopes)) / np.arcsinh(np.tan(slopes))
+    tails = sags / np.cos(slopes) - rho * np.cos(slopes)
+    lengths = 2.0 * (sags * np.tan(slopes) + rho * (slopes + 0.5 * math.pi) + tails)
+    least = int(np.argmin(lengths))
+    shortest, a, phi = (float(one[least]) for one in (lengths, sags, slopes))
+
+    def over(middle: float, u: float) -> tuple[float, float, float]:
+        """Place at u of a chain with this middle."""
+        side, s = math.copysign(1.0, u - middle), abs(u - middle)
+        inside = a * math.tan(phi)
+        over_peg = inside + rho * (phi + 0.5 * math.pi)
+        if s < inside:
+            height = math.hypot(a, s) + rho * math.cos(phi) - a / math.cos(phi)
+            return side * a * math.asinh(s / a), 0.0, height
+        if s < over_peg:
+            slope = phi - (s - inside) / rho
+            return side * (half - rho * math.sin(slope)), 0.0, rho * math.cos(slope)
+        return side * (half + rho), 0.0, over_peg - s
+
+    low, high = 0.98 * shortest, 1.02 * shortest
+    peg: Values = {
+        f"obstacles.{name}.{key}": value
+        for name, x in (("left", -half), ("right", half))
+        for key, value in (
+            ("shape", "cylinder"),
+            ("size", [2.0 * radius, 2.0 * radius, 0.2]),
+            ("position", [x, 0.0, 0.0]),
+            ("orientation", [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]),
+        )
+    }
+    while high - low > 2.5e-3 * shortest:
+        length = 0.5 * (low + high)
+        sim = simulator(
+            {
+                "cable.length": length,
+                "cable.diameter": thick,
+                "cable.linear_density": 0.05,
+                "cable.axial_stiffness": 500.0,
+                "cable.bending_stiffness": 1e-6,
+                "damping.mass": 1.0,
+                "damping.bend": 1e-2,
+                "start.fixed": [False] * 3,
+                "start.position": [-half - rho, 0.0, -0.3],
+                "end.position": [half + rho, 0.0, -0.3],
+                "initial.shape": "straight",
+                "obstacles.names": ["left", "right"],
+                "contact.stiffness": 1e5,
+                "discretization.control_points": points,
+                "discretization.knots": "uniform",
+                "terms.out_of_plane": "off",
+            },
+            peg,
+            step=2e-3,
+        )
+        bent(sim, partial(over, 0.5 * length))
+        seconds += advanced(sim, 3.0)
+        runs_off = sim.centerline([0.5 * length])[0, 2] < -2.0 * half
+        low, high = (length, high) if runs_off else (low, length)
+    found = Answer("shortest length [m]", shortest, 0.5 * (low + high))
+    return Measured((found,), seconds, sim)
+
+
 # Name -> test as a function of its resolution, the resolutions, and the largest error allowed.
 TESTS: dict[str, tuple[Callable[..., Measured], tuple[float, ...], float]] = {
     "sliding rod, 5 N": (partial(sliding, 5.0), (1e-2, 5e-3, 1e-3), 0.01),
@@ -228,6 +376,8 @@ TESTS: dict[str, tuple[Callable[..., Measured], tuple[float, ...], float]] = {
     "capstan, pi": (partial(capstan, math.pi), (43, 83, 123), 0.01),
     "capstan, 2 pi": (partial(capstan, 2.0 * math.pi), (83, 166), 0.01),
     "conveyor": (conveyor, (5e-3, 1e-3), 0.01),
+    "column between walls": (column, (43, 83), 0.02),
+    "chain over pegs": (pegs, (60, 100), 0.005),
 }
 HEADER = "test | resolution | quantity | exact | measured | error [%] | allowed [%] | run time [s]"
 CHART = "test | run time [s] | largest error [%]"
