@@ -78,7 +78,8 @@ def run(options: argparse.Namespace) -> int:
     with progress_bar("simulate", keeps=True) as progress:
         recording = record(scene, options.duration, options.every, progress=progress, tell=tell)
     if options.output is not None:
-        write_arrays(options.output, {name: getattr(recording, name) for name in _ARRAYS})
+        arrays = {name: getattr(recording, name) for name in _ARRAYS}
+        write_arrays(options.output, arrays | recording.obstacles)
     if options.json:
         print_json({name: getattr(recording, name) for name in _REPORT})
     else:

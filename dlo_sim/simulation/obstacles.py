@@ -75,25 +75,47 @@ def core_of(obstacle: Obstacle, radius: float) -> Core:
     return Core(contact.BOX, (0.0, 0.0, length), x + radius)
 
 
-def surface(obstacle: Obstacle) -> Array:
-    """Triangles [m] that show a mesh, ring or channel, in its frame, shape (k, 3, 3);
-    counter-clockwise seen from outside, of a mesh as in its file.
+def surface(obstacle: Obstacle, plate: float = 0.0) -> Array:
+    """Triangles [m] that show an obstacle, in its frame, shape (k, 3, 3); counter-clockwise seen
+    from outside, of a mesh as in its file. Of a plane a square with sides `plate` [m].
     """
     if obstacle.shape == "mesh":
         return field_of(obstacle, 0.0).triangles
-    _, (radius, _, straight), _ = core_of(obstacle, 0.0)
-    around = 2.0 * math.pi / AROUND * np.arange(AROUND)
+    if obstacle.shape in ("box", "plane"):
+        corners = np.array(list(np.ndindex(2, 2, 2))) - 0.5
+        faces = np.array(
+            ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+        )
+        if obstacle.shape == "plane":
+            corners, faces = corners * (plate, plate, 0.0), faces[-1:]
+        else:
+            corners = corners * obstacle.size
+        return corners[faces[:, ((0, 1, 2), (2, 3, 0))].reshape(-1, 3)]
+    kind, half, reach = core_of(obstacle, 0.0)
     upper = math.pi / (ACROSS // 2 - 1) * np.arange(ACROSS // 2)
-    across = np.concatenate([upper, upper + math.pi])
-    rho = radius + 0.5 * obstacle.size[1] * np.cos(across)
-    z = 0.5 * obstacle.size[1] * np.sin(across) + straight * np.repeat([1.0, -1.0], ACROSS // 2)
+    if kind == contact.CYLINDER:
+        return _revolved(np.array([0.0, half[0], half[0], 0.0]), half[2] * np.array([-1, -1, 1, 1]))
+    if kind == contact.TUBE:
+        across = np.concatenate([upper, upper + math.pi])
+        rho, straight = half[0] + reach * np.cos(across), np.repeat([1.0, -1.0], ACROSS // 2)
+        return _revolved(rho, reach * np.sin(across) + half[2] * straight)
+    rise = np.repeat([-1.0, 1.0], ACROSS // 2)
+    across = np.linspace(-0.5 * math.pi, 0.5 * math.pi, len(rise))
+    return _revolved(reach * np.abs(np.cos(across)), reach * np.sin(across) + half[2] * rise)
+
+
+def _revolved(rho: Array, z: Array) -> Array:
+    """Triangles of the surface that a closed line turns about the z axis."""
+    around = 2.0 * math.pi / AROUND * np.arange(AROUND)
     turn = np.stack([np.cos(around), np.sin(around)], axis=1)
-    points = np.empty((AROUND, ACROSS, 3))
+    points = np.empty((AROUND, len(rho), 3))
     points[..., :2], points[..., 2] = rho[:, None] * turn[:, None], z
     first, second = points, np.roll(points, -1, axis=0)
     up, beyond = (np.roll(one, -1, axis=1) for one in (first, second))
     halves = (np.stack(three, axis=2) for three in ((first, second, up), (second, beyond, up)))
-    return np.concatenate([half.reshape(-1, 3, 3) for half in halves])
+    found = np.concatenate([half.reshape(-1, 3, 3) for half in halves])
+    sides = np.cross(found[:, 1] - found[:, 0], found[:, 2] - found[:, 0])
+    return found[np.linalg.norm(sides, axis=1) > 0.0]
 
 
 def gaps(obstacle: Obstacle, diameter: float, points: Array) -> Array:

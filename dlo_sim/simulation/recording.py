@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.drawn_obstacles import drawn_obstacles
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Status, newton_note
@@ -59,6 +60,7 @@ class Recording:
         contacts: obstacle -> `clearance` [m], `force` on the cable (3) [N], largest force per
             length `pressure` [N/m], material coordinates [m] at which the cable `passes` through a
             ring or channel, and `tensions` [N] on both sides, at the end of the run.
+        obstacles: what `drawn_obstacles` says of them.
         slides: grasp through which the cable slides -> material coordinate `u` [m] that it holds
             at the end of the run, tension `before` and `after` it [N].
     """
@@ -89,6 +91,7 @@ class Recording:
     left_out: dict[str, str]
     notes: tuple[str, ...] = ()
     contacts: dict[str, dict[str, Any]] = field(default_factory=dict)
+    obstacles: dict[str, Array] = field(default_factory=dict)
     slides: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @property
@@ -188,6 +191,7 @@ def record_simulator(
         active_terms=simulator.active_terms,
         left_out=simulator.left_out,
         notes=simulator.notes + counts.notes,
+        obstacles=drawn_obstacles(simulator, recorder),
         contacts={
             name: {
                 "clearance": one.clearance,

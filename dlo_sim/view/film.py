@@ -14,7 +14,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from numpy.typing import NDArray
 
 from dlo_sim.core.color_scale import colors
@@ -27,6 +27,7 @@ _MOST_PICTURES = 900
 _FILM_DPI = 70
 _VIEWS = (-25.0, -65.0)  # azimuth [deg] for a run that is wider along y, along x
 _STILLS = 9  # cables in a still
+_LIGHT = np.array([0.35, -0.5, 0.8])  # direction to it
 _SCALE = ListedColormap(colors(np.linspace(0.0, 1.0, 256)))
 # A name in a bag may hold dollar signs, which are no formula.
 _plain = rc_context({"text.parse_math": False})
@@ -63,10 +64,12 @@ def write_film(
     named = path.with_name(f"{path.name}.{kind}")
     with writer.saving(figure, str(named), _FILM_DPI):
         for k, frame in enumerate(frames):
-            cable = axes.add_collection3d(_cable(run, frame, tint))
+            shown = [axes.add_collection3d(one) for one in _surroundings(run, frame, axes)]
+            shown.append(axes.add_collection3d(_cable(run, frame, tint)))
             clock.set_text(f"{run.time[frame]:6.2f} s")
             writer.grab_frame()
-            cable.remove()
+            for one in shown:
+                one.remove()
             if progress is not None:
                 progress((k + 1) / count)
     named.replace(path)
@@ -80,6 +83,8 @@ def write_still(run: Run, path: Path) -> None:
         OSError: the file cannot be written.
     """
     figure, axes, tint = _stage(run, (8.0, 6.0), 100)
+    for one in _surroundings(run, len(run.time) - 1, axes):
+        axes.add_collection3d(one)
     wanted = np.linspace(run.time[0], run.time[-1], _STILLS)
     for k, frame in enumerate(np.searchsorted(run.time, wanted)):
         strength = 0.15 + 0.85 * k / (_STILLS - 1)
@@ -123,6 +128,7 @@ def _stage(
     middle = 0.5 * (low + high)
     axes.set(**{f"{x}lim": (m - h, m + h) for x, m, h in zip("xyz", middle, half, strict=True)})
     axes.set_box_aspect(half)
+    axes.computed_zorder = not run.bodies  # else the faces of an obstacle may cover the cable
     axes.view_init(elev=18.0, azim=_VIEWS[int(half[0] > half[1])])
     for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True):
         axis.set_major_locator(MaxNLocator(4))
@@ -137,7 +143,44 @@ def _stage(
     return figure, axes, lambda frame: _SCALE(scale(0.5 * (values[frame, 1:] + values[frame, :-1])))
 
 
+def _surroundings(run: Run, frame: int, axes: Any) -> list[Any]:
+    """Obstacles, cut off at the limits of the axes, and contact forces."""
+    limits = np.sort([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1)
+    faces = [_cut(face, limits) for body in run.bodies for face in body.at(frame)]
+    faces = [face for face in faces if len(face) > 2]
+    found: list[Any] = []
+    if faces:
+        sides = [np.cross(f[1] - f[0], f[2] - f[0]) for f in faces]
+        light = [float(n @ _LIGHT) / max(float(np.linalg.norm(n)), 1e-300) for n in sides]
+        shades = [(0.65 + 0.2 * one,) * 3 for one in light]
+        found.append(Poly3DCollection(faces, facecolors=shades, alpha=0.45, zorder=1))
+    lines = run.forces_at(frame)
+    if len(lines):
+        found.append(Line3DCollection(lines, colors="tab:red", linewidths=0.6, zorder=3))
+    return found
+
+
+def _cut(face: Array, limits: Array) -> Array:
+    """The part of a convex polygon (k, 3) between lower and upper limits (3, 2)."""
+    for axis in range(3):
+        for bound, sign in zip(limits[axis], (1.0, -1.0), strict=True):
+            inside = sign * (face[:, axis] - bound)
+            if not len(face) or np.all(inside >= 0.0):
+                continue
+            corners = []
+            for k, (here, after) in enumerate(zip(inside, np.roll(inside, -1), strict=True)):
+                if here >= 0.0:
+                    corners.append(face[k])
+                if (here >= 0.0) != (after >= 0.0):
+                    share = here / (here - after)
+                    corners.append(face[k] + share * (face[(k + 1) % len(face)] - face[k]))
+            face = np.reshape(corners, (-1, 3))
+    return face
+
+
 def _cable(run: Run, frame: int, tint: Callable[[int], Array | str]) -> Line3DCollection:
     points = run.centerline[frame]
     segments = np.stack((points[:-1], points[1:]), axis=1)
-    return Line3DCollection(segments, colors=tint(frame), linewidths=4.0, capstyle="round")
+    return Line3DCollection(
+        segments, colors=tint(frame), linewidths=4.0, capstyle="round", zorder=2
+    )

@@ -48,6 +48,28 @@ function axesOf([x, y, z, w]) {
   ];
 }
 
+/** Points of triangles, numbers x, y, z after another, moved to a pose: position, quaternion. */
+function moved(points, pose) {
+  const [a, b, c] = axesOf(pose.slice(3)), out = new Float32Array(points.length);
+  for (let k = 0; k < points.length; k += 3) {
+    for (let i = 0; i < 3; i++) {
+      out[k + i] = pose[i] + a[i] * points[k] + b[i] * points[k + 1] + c[i] * points[k + 2];
+    }
+  }
+  return out;
+}
+
+/** Whether a point p lies in a triangle of points x, y, depth and behind it, by more than `slack`. */
+function hides(corners, p, slack) {
+  const [a, b, c] = corners;
+  const area = (q, r, s) => (r[0] - q[0]) * (s[1] - q[1]) - (r[1] - q[1]) * (s[0] - q[0]);
+  const u = area(b, c, p), v = area(c, a, p), w = area(a, b, p), whole = u + v + w;
+  if (!whole || u * whole < 0 || v * whole < 0 || w * whole < 0) return false;
+  // The inverse of the depth is linear in the picture.
+  const inverse = (u / a[2] + v / b[2] + w / c[2]) / whole;
+  return 1 / inverse < p[2] - slack;
+}
+
 /** A round number of about this size: 1, 2 or 5 times a power of ten. */
 function round(size) {
   const power = 10 ** Math.floor(Math.log10(size));
@@ -111,6 +133,8 @@ class View {
     this.control = floats(run.control_points);
     this.frames = run.frames && floats(run.frames);
     this.colors = run.colors.map((c) => floats(c.values));
+    this.bodies = run.bodies.map((b) => ({triangles: floats(b.triangles), poses: floats(b.poses)}));
+    this.forces = run.forces.map(floats);
     this.box = boxOf(this.line);
     this.size = Math.max(Math.hypot(...this.box[1].map((v, k) => v - this.box[0][k])), 1e-6);
     this.home();
@@ -131,7 +155,12 @@ class View {
     this.pen.lineCap = "round";
     this.drawGround();
     if (this.path) this.drawPath(frame);
-    this.drawCable(frame, share);
+    const faces = this.facesOf(frame, share);
+    const cable = this.cableOf(frame, share, faces);
+    this.drawCable(cable.filter((part) => part.hidden));
+    this.drawFaces(faces);
+    this.drawCable(cable.filter((part) => !part.hidden));
+    this.drawForces(frame);
     if (this.points) this.drawPoints(frame, share);
     if (this.frames) this.drawFrames(frame, share);
   }
@@ -169,7 +198,69 @@ class View {
     for (let k = 0; k < frame; k++) this.stroke(end(k), end(k + 1), "#b9c2cc", 1);
   }
 
-  drawCable(frame, share) {
+  /** The faces of obstacles that are turned to the eye: corners in the picture, colour, depth. */
+  facesOf(frame, share) {
+    const found = [], near = 0.02 * this.camera.distance;
+    const light = [0.35, -0.5, 0.8];
+    for (const body of this.bodies) {
+      const pose = between(body.poses, 7, frame, share);
+      if (!pose.every(Number.isFinite)) continue;
+      const points = moved(body.triangles, pose);
+      for (let k = 0; k < points.length; k += 9) {
+        const corners = [0, 3, 6].map((j) => this.camera.project(points.subarray(k + j, k + j + 3), this.width, this.height));
+        const [a, b, c] = corners;
+        const turned = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+        // Seen from outside, corners are counter-clockwise; in a picture y points down.
+        const flat = body.triangles.length < 27;
+        if ((turned >= 0 && !flat) || Math.min(a[2], b[2], c[2]) < near) continue;
+        const [p, q] = [3, 6].map((j) => [0, 1, 2].map((i) => points[k + j + i] - points[k + i]));
+        const n = [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
+        const lit = (n[0] * light[0] + n[1] * light[1] + n[2] * light[2]) / (Math.hypot(...n) || 1);
+        const gray = Math.round(165 + 45 * lit);
+        found.push({corners, color: `rgb(${gray},${gray},${gray + 8})`, depth: a[2] + b[2] + c[2]});
+      }
+    }
+    return found.sort((a, b) => b.depth - a.depth);
+  }
+
+  /** Faces are drawn elsewhere and then laid over the picture, so that one shows through no other. */
+  drawFaces(faces) {
+    if (!faces.length) return;
+    this.layer = this.layer || document.createElement("canvas");
+    this.layer.width = this.canvas.width;
+    this.layer.height = this.canvas.height;
+    const pen = this.layer.getContext("2d"), ratio = window.devicePixelRatio || 1;
+    pen.scale(ratio, ratio);
+    for (const {corners, color} of faces) {
+      pen.fillStyle = pen.strokeStyle = color;
+      pen.beginPath();
+      corners.forEach(([x, y], k) => k ? pen.lineTo(x, y) : pen.moveTo(x, y));
+      pen.closePath();
+      pen.fill();
+      pen.stroke();  // closes the seams between triangles
+    }
+    this.pen.globalAlpha = 0.8;
+    this.pen.drawImage(this.layer, 0, 0, this.width, this.height);
+    this.pen.globalAlpha = 1;
+  }
+
+  drawForces(frame) {
+    const lines = this.forces[this.run.looks[frame]] || [];
+    for (let k = 0; k < lines.length; k += 6) {
+      this.stroke(lines.subarray(k, k + 3), lines.subarray(k + 3, k + 6), "#d33", 1);
+      const [x, y] = this.camera.project(lines.subarray(k, k + 3), this.width, this.height);
+      this.pen.fillStyle = "#d33";
+      this.pen.fillRect(x - 1, y - 1, 2, 2);
+    }
+  }
+
+  drawCable(parts) {
+    for (const {from, to, color} of parts) this.stroke(from, to, color, 5);
+  }
+
+  /** The cable in pieces: ends, colour, and whether a face hides it. */
+  cableOf(frame, share, faces) {
+    const parts = [];
     const m = this.run.points, at = between(this.line, 3 * m, frame, share);
     const shown = this.run.colors[this.color];
     const values = shown && between(this.colors[this.color], m, frame, share);
@@ -179,8 +270,12 @@ class View {
         const value = (values[k] + values[k + 1]) / 2;
         color = colorOf(this.run.scale, (value - shown.low) / (shown.high - shown.low || 1));
       }
-      this.stroke(at.slice(3 * k, 3 * k + 3), at.slice(3 * k + 3, 3 * k + 6), color, 5);
+      const [from, to] = [at.slice(3 * k, 3 * k + 3), at.slice(3 * k + 3, 3 * k + 6)];
+      const middle = this.camera.project(from.map((v, i) => (v + to[i]) / 2), this.width, this.height);
+      const hidden = faces.some(({corners}) => hides(corners, middle, 0.01 * this.size));
+      parts.push({from, to, color, hidden});
     }
+    return parts;
   }
 
   drawPoints(frame, share) {

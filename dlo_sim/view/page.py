@@ -56,6 +56,12 @@ def page_data(run: Run) -> dict[str, Any]:
         ],
         "scale": TABLE,
         "plots": [_plot(curve) for curve in run.plots],
+        "bodies": [
+            {"triangles": _packed(body.triangles), "poses": _packed(body.poses[kept])}
+            for body in run.bodies
+        ],
+        "forces": [_packed(lines) for lines in run.forces],
+        "looks": [] if run.looks is None else run.looks[kept].tolist(),
     }
 
 

@@ -4,31 +4,38 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import arguments, bspline
+from dlo_sim.core import arguments, bspline, rotations
 from dlo_sim.core.npz import NpzRefused, read_npz
 from dlo_sim.core.strain import strain
 from dlo_sim.replay.bags import Bag, BagError
-from dlo_sim.scene.description import Scene
+from dlo_sim.scene.description import Obstacle, Scene
 from dlo_sim.scene.refusal import printable
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import KNOTS
-from dlo_sim.session.topics import CONTROL_POINTS, DIAGNOSTICS, REACTION, resolved
+from dlo_sim.session.topics import CONTACTS, CONTROL_POINTS, DIAGNOSTICS, REACTION, resolved
 from dlo_sim.simulation import resolution
 
 Array = NDArray[np.float64]
 
 TENSION, CURVATURE = "tension [N]", "curvature [1/m]"
 _POINTS = 60  # of the centerline of a bag
-_ENERGY, _ERROR = "energy [J]", "error estimate [m]"  # keys of the diagnostics
+# Keys of the diagnostics.
+_ENERGY, _ERROR = "energy [J]", "error estimate [m]"
+_FORCE, _CLEARANCE = "contact force [N]", "clearance [m]"
 _LARGEST = float(np.finfo("f4").max)  # a page has 32-bit floats
+_SHAPES = {cdr.CUBE: "box", cdr.SPHERE: "sphere", cdr.CYLINDER: "cylinder"}
 _LAST = CONTROL_POINTS.removeprefix("~")
 # In every output of `dlo_sim simulate`.
 _NEEDED = ("time", "control_points", "centerline")
 _FURTHER = ("tension", "curvature", "energy")
+_OBSTACLES = ("obstacle_triangles", "obstacle_of", "obstacle_poses")
+_CONTACTS = ("contact_points", "contact_forces", "contact_samples")
+_LONGEST_FORCE = 0.15  # line of the largest contact force, in extents of the run
 
 
 class RunError(Exception):
@@ -57,6 +64,23 @@ class Curve:
 
 
 @dataclass(frozen=True)
+class Body:
+    """An obstacle: triangles of its surface in its frame [m], shape (k, 3, 3), and its poses,
+    position [m] and quaternion x, y, z, w, shape (T, 7), NaN where it is not there.
+    """
+
+    triangles: Array
+    poses: Array
+
+    def at(self, frame: int) -> Array:
+        """Its triangles in the world [m], shape (k, 3, 3); none where it is not there."""
+        pose = self.poses[frame]
+        if not np.isfinite(pose).all():
+            return np.zeros((0, 3, 3))
+        return rotations.rotate(pose[3:], self.triangles) + pose[:3]
+
+
+@dataclass(frozen=True)
 class Run:
     """The data of a run that are shown.
 
@@ -68,6 +92,8 @@ class Run:
         frames: material frames of start and end, quaternions x, y, z, w, shape (T, 2, 4), or None.
         reactions: end -> force on the cable by the end effector [N], shape (T, 3).
         curves: further quantities to plot.
+        bodies: obstacles. forces: contact forces on the cable as lines from where they act [m],
+            shape (c, 2, 3) each, and looks: which of them is that of each time, shape (T,).
     """
 
     name: str
@@ -78,6 +104,13 @@ class Run:
     frames: Array | None = None
     reactions: dict[str, Array] = field(default_factory=dict)
     curves: tuple[Curve, ...] = ()
+    bodies: tuple[Body, ...] = ()
+    forces: tuple[Array, ...] = ()
+    looks: NDArray[np.int64] | None = None
+
+    def forces_at(self, frame: int) -> Array:
+        """The lines of `forces` at one time, shape (c, 2, 3)."""
+        return np.zeros((0, 2, 3)) if self.looks is None else self.forces[self.looks[frame]]
 
     @property
     def plots(self) -> tuple[Curve, ...]:
@@ -113,7 +146,7 @@ def read_recording(path: Path) -> Run:
         RunError: it is not such a file.
     """
     try:
-        found = read_npz(path, (*_NEEDED, *_FURTHER))
+        found = read_npz(path, (*_NEEDED, *_FURTHER, *_OBSTACLES, *_CONTACTS))
     except NpzRefused as refused:
         raise RunError(
             f"{path}: {refused}; give an npz of dlo_sim simulate, or a bag's folder"
@@ -128,14 +161,47 @@ def read_recording(path: Path) -> Run:
     time = found["time"]
     titles = {"tension": TENSION, "curvature": CURVATURE}
     energy = found.get("energy")
+    curves = [] if energy is None else [Curve(_ENERGY, time, {"energy": energy})]
+    bodies: tuple[Body, ...] = ()
+    forces: tuple[Array, ...] = ()
+    looks = None
+    if all(name in found for name in (*_OBSTACLES, *_CONTACTS)):
+        bodies = _bodies_of(found)
+        forces, looks, total = _forces_of(found)
+        curves.append(Curve("pressure of the obstacles [N]", time, {"total": total}))
     return Run(
         name=printable(path.name),
         time=time,
         centerline=found["centerline"],
         control_points=found["control_points"][:, :, :3],
         colors={title: found[name] for name, title in titles.items() if name in found},
-        curves=() if energy is None else (Curve(_ENERGY, time, {"energy": energy}),),
+        curves=tuple(curves),
+        bodies=bodies,
+        forces=forces,
+        looks=looks,
     )
+
+
+def _bodies_of(found: dict[str, Array]) -> tuple[Body, ...]:
+    number, poses = found["obstacle_of"], found["obstacle_poses"]
+    triangles = found["obstacle_triangles"]
+    return tuple(Body(triangles[number == k], poses[:, k]) for k in range(poses.shape[1]))
+
+
+def _forces_of(
+    found: dict[str, Array],
+) -> tuple[tuple[Array, ...], NDArray[np.int64], Array]:
+    """Lines of the forces, which of them is that of each time, and sums of the forces there [N]."""
+    points, forces, samples = (found[name] for name in _CONTACTS)
+    extent = float(np.ptp(found["centerline"].reshape(-1, 3), axis=0).max())
+    sizes = np.linalg.norm(forces, axis=1)
+    scale = _LONGEST_FORCE * extent / max(float(sizes.max(initial=0.0)), 1e-300)
+    lines = np.stack([points, points + scale * forces], axis=1)
+    known = np.unique(np.append(samples, 0.0))
+    parts = tuple(lines[samples == sample] for sample in known)
+    sums = np.array([sizes[samples == sample].sum() for sample in known])
+    times = np.arange(len(found["time"]))
+    return parts, np.searchsorted(known, times, side="right") - 1, np.interp(times, known, sums)
 
 
 def _checked(found: dict[str, Array]) -> dict[str, Array]:
@@ -154,13 +220,19 @@ def _checked(found: dict[str, Array]) -> dict[str, Array]:
         "tension": line.shape[:2],
         "curvature": line.shape[:2],
         "energy": time.shape,
+        "obstacle_triangles": (None, 3, 3),
+        "obstacle_of": (None,),
+        "obstacle_poses": (len(time), None, 7),
+        "contact_points": (None, 3),
+        "contact_forces": (None, 3),
+        "contact_samples": (None,),
     }
     checked = {"time": time, "centerline": line}
     for name, shape in shapes.items():
         if name in found:
             checked[name] = arguments.numbers(name, found[name], shape)
     for name, array in checked.items():
-        if np.abs(array).max() > _LARGEST:
+        if np.abs(array).max(initial=0.0) > _LARGEST:
             raise ValueError(f"{name}: needs numbers up to {_LARGEST:g}, got {np.abs(array).max()}")
     return checked
 
@@ -182,6 +254,7 @@ def read_bag(
         bag = Bag(path)
         node = node or _only_node(path, bag)
         states, forces, curves, density = _read(bag, node, origin_ns)
+        shown = _contacts(bag, node)
     except (BagError, cdr.DecodeError) as error:
         raise RunError(str(error)) from None
     poses = np.array([states[stamp] for stamp in sorted(states)])
@@ -219,6 +292,7 @@ def read_bag(
         # A missing reaction is replaced by the previous one, or the first if there is none.
         reactions={end: _at(stamps, found) for end, found in forces.items() if found},
         curves=curves,
+        **_surroundings(stamps, shown),
     )
     _check_shown(path, run)
     return run
@@ -292,10 +366,56 @@ def _read(
     return states, forces, tuple(_told(told, origin)), _density(told)
 
 
+def _contacts(bag: Bag, node: str) -> dict[int, Any]:
+    """The messages on ~/contacts by their stamps."""
+    topic = f"{node}{CONTACTS.removeprefix('~')}"
+    if topic not in bag.topics:
+        return {}
+    found = {}
+    for message in bag.messages({topic: cdr.MARKER_ARRAY}):
+        markers = cdr.read(cdr.MARKER_ARRAY, message.data).markers
+        if markers:
+            found[cdr.head(markers[0].header)[0]] = markers
+    return found
+
+
+def _surroundings(stamps: NDArray[np.int64], shown: dict[int, Any]) -> dict[str, Any]:
+    """Fields of a run from the messages on ~/contacts."""
+    from dlo_sim.simulation.obstacles import surface  # imports the compiler
+
+    known = np.array(sorted(shown))
+    if not known.size:
+        return {}
+    looks = np.clip(np.searchsorted(known, stamps, side="right") - 1, 0, None)
+    forces: list[Array] = []
+    poses: dict[Any, dict[int, Any]] = {}
+    for look, stamp in enumerate(known):
+        lines = [m for m in shown[stamp] if m.type == cdr.LINE_LIST]
+        points = [(p.x, p.y, p.z) for m in lines for p in m.points]
+        forces.append(np.reshape(points, (-1, 2, 3)).astype(float))
+        for m in shown[stamp]:
+            if m.type in _SHAPES or m.type == cdr.TRIANGLE_LIST:
+                p, q, s = m.pose.position, m.pose.orientation, m.scale
+                corners = tuple((c.x, c.y, c.z) for c in m.points)
+                there = poses.setdefault((m.id, m.type, (s.x, s.y, s.z), corners), {})
+                there[look] = (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
+    bodies = []
+    for (_, kind, size, corners), there in poses.items():
+        rows = np.full((len(known), 7), np.nan)
+        rows[list(there)] = list(there.values())
+        if kind == cdr.TRIANGLE_LIST:
+            triangles = np.reshape(corners, (-1, 3, 3)).astype(float)
+        else:
+            triangles = surface(Obstacle("", _SHAPES[kind], size))
+        bodies.append(Body(triangles, rows[looks]))
+    return {"bodies": tuple(bodies), "forces": tuple(forces), "looks": looks}
+
+
 def _told(told: list[tuple[int, dict[str, str]]], origin_ns: int) -> list[Curve]:
     """Curves of the diagnostics."""
     curves = []
-    for key, name in ((_ENERGY, "energy"), (_ERROR, "error")):
+    keys = {_ENERGY: "energy", _ERROR: "error", _FORCE: "total", _CLEARANCE: "least"}
+    for key, name in keys.items():
         rows = [(stamp, values.get(key, "")) for stamp, values in told]
         numbers = [(stamp, float(text)) for stamp, text in rows if _is_number(text)]
         if len(numbers) > 1:

@@ -39,6 +39,7 @@ class MadeUp:
     choice: str = "as the scene asks"
     resolution: str = "9 control points as the scene asks"
     advice: str = ""
+    obstacles: dict = field(default_factory=dict)
     force_evaluations: int = 1500
     real_time_factor: float = 2.0
     energy_error_max: float | None = 1e-6

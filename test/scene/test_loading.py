@@ -175,6 +175,7 @@ def test_bad_assignment(text):
 
 def test_shipped_scene_by_name_or_path(tmp_path, monkeypatch):
     assert set(shipped_scenes()) == {
+        "edge",
         "hanging_cable",
         "paper_wire",
         "paper_wire_force",

@@ -20,6 +20,7 @@ VALUES = {
 }
 TIMES = 21
 PERIOD = 0.02  # s
+BOX = (0.1, 0.2, 0.04)  # m
 EPOCH_NS = 1_700_000_000 * 10**9
 
 
@@ -42,12 +43,19 @@ def write_bag(
     points, reaction = f"{node}/control_points", f"{node}/start/reaction"
     poses = cdr.PoseArrayEncoder("world", len(states[0]))
     wrench = cdr.StampedEncoder(cdr.WRENCH_STAMPED, "world")
-    topics = {points: cdr.POSE_ARRAY, reaction: cdr.WRENCH_STAMPED}
+    contacts = f"{node}/contacts"
+    topics = {points: cdr.POSE_ARRAY, reaction: cdr.WRENCH_STAMPED, contacts: cdr.MARKER_ARRAY}
     writer = BagWriter(path, {**topics, "/diagnostics": cdr.DIAGNOSTIC_ARRAY}, "mcap")
     for k, (state, force) in enumerate(zip(states, forces, strict=True)):
         stamp = EPOCH_NS + round(k * PERIOD * 1e9)
         writer.write(points, stamp, poses.encode(stamp, state))
         writer.write(reaction, stamp, wrench.encode(stamp, force))
+        if k % 2 == 0:  # a box that moves along x and is gone after 0.2 s
+            box = cdr.Body(cdr.CUBE, [0.2 + 0.01 * k, 0, -0.15, 0, 0, 0, 1], BOX)
+            lines = np.array([[0.1 * k, 0.0, 0.0], [0.1 * k, 0.0, 0.05]])
+            bodies, colors = [box] * (k <= 10), ((0.5,) * 4,) * 2
+            shown = cdr.encode_contacts("world", stamp, 0, bodies, lines, 0.001, colors)
+            writer.write(contacts, stamp, shown)
         error = "unknown" if k == 0 else f"{1e-4 * k}"
         values = (
             ("energy [J]", f"{0.1 * k}"),

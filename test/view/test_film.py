@@ -1,5 +1,7 @@
 """Films, stills and plots, without a display."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from matplotlib.animation import FFMpegWriter
 from PIL import Image
 
 from dlo_sim.view.film import NoFilm, write_film, write_plots, write_still
-from dlo_sim.view.run import Run, read_run
+from dlo_sim.view.run import Body, Run, read_run
 
 
 def test_gif_runs_in_the_time_of_the_run(made, tmp_path):
@@ -37,6 +39,21 @@ def test_stills_and_plots_are_pictures(made, tmp_path, write, scene):
     with Image.open(tmp_path / "picture") as picture:
         assert picture.format == "PNG"
         assert len(picture.convert("RGB").getcolors(1_000_000)) > 50
+
+
+def test_a_still_shows_obstacles_within_its_limits(made, tmp_path):
+    """A table that is far larger than the cable hides none of it and does not leave the axes."""
+    run = read_run(made.recording)
+    table = Body(np.array([[[-9.0, -9, -0.1], [9, -9, -0.1], [0, 9, -0.1]]]), np.eye(7)[[6] * 21])
+    grays = []
+    for bodies in ((), (table,)):
+        write_still(replace(run, bodies=bodies, looks=None), tmp_path / "picture")
+        with Image.open(tmp_path / "picture") as picture:
+            shown = np.array(picture.convert("RGB")).astype(int)
+        edge = np.concatenate([shown[:40].reshape(-1, 3), shown[:, :12].reshape(-1, 3)])
+        assert np.all(edge == 255), "nothing beyond the axes"
+        grays.append(np.count_nonzero((np.ptp(shown, axis=2) < 4) & (shown[..., 0] < 240)))
+    assert grays[1] > grays[0] + 5000
 
 
 @pytest.mark.parametrize("write", [write_still, write_plots])

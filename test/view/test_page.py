@@ -84,6 +84,9 @@ def test_functions_of_the_page(checkout, tmp_path):
       round: [0.034, 0.7, 1, 24].map(round),
       middle: camera.project([1, 2, 3], 800, 400),
       above: camera.project([1, 2, 3.1], 800, 400),
+      moved: [...moved([1, 0, 0, 0, 2, 0], [5, 6, 7, 0, 0, Math.SQRT1_2, Math.SQRT1_2])],
+      hides: [[3, 3, 9], [3, 3, 4.9], [9, 9, 9], [3, 3, 5.05]].map((p) =>
+        hides([[0, 0, 5], [10, 0, 5], [0, 10, 5]], p, 0.1)),
     }));
     """
     path = tmp_path / "checks.js"
@@ -98,6 +101,8 @@ def test_functions_of_the_page(checkout, tmp_path):
     assert found["round"] == pytest.approx([0.05, 1.0, 1.0, 50.0])
     assert found["middle"] == [400, 200, 5]
     assert found["above"][1] < 200, "up is up"
+    assert found["moved"] == pytest.approx([5, 7, 7, 3, 6, 7])
+    assert found["hides"] == [True, False, False, False], "what lies behind, by more than 0.1"
 
 
 # ---- in a browser, which runs the page as a user's does, without a display -------------------

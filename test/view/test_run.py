@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from made_runs import EPOCH_NS, write_bag
+from made_runs import BOX, EPOCH_NS, write_bag
 
 from dlo_sim.view.page import write_page
 from dlo_sim.view.run import CURVATURE, TENSION, Curve, RunError, read_bag, read_run
@@ -32,6 +32,28 @@ def test_bag_has_frames_forces_energy_and_the_estimated_error(made):
         "energy [J]",
         "error estimate [m]",
     ]
+
+
+def test_obstacles_and_contact_forces_of_a_recording(made):
+    run = read_run(made.recording)
+    (body,) = run.bodies
+    np.testing.assert_allclose(body.at(7)[0], 0.1 * np.eye(3) + [0.07, 0.1, -0.2])
+    assert [len(run.forces_at(k)) for k in (0, 4, 5, 9, 10, 20)] == [0, 0, 1, 1, 1, 1]
+    (line,) = run.forces_at(12)
+    extent = np.ptp(made.centerline.reshape(-1, 3), axis=0).max()
+    np.testing.assert_allclose(line, [[0.0] * 3, [0.0, 0.15 * extent, 0.0]])
+    total = next(curve for curve in run.curves if curve.title.startswith("pressure"))
+    assert total.values["total"][[0, 5, 20]] == pytest.approx([0.0, 2.0, 2.0])
+
+
+def test_obstacles_and_contact_forces_of_a_bag(made):
+    run = read_run(made.bag)
+    boxes = {k: np.concatenate([body.at(k) for body in run.bodies]) for k in (0, 7, 10, 11, 12)}
+    assert [len(boxes[k]) for k in boxes] == [12, 12, 12, 12, 0]
+    corners = boxes[7].reshape(-1, 3)  # as published last, at the time before
+    np.testing.assert_allclose(np.ptp(corners, axis=0), BOX)
+    np.testing.assert_allclose(corners.mean(axis=0), [0.26, 0.0, -0.15], atol=1e-9)
+    np.testing.assert_allclose(run.forces_at(20), [[[2.0, 0.0, 0.0], [2.0, 0.0, 0.05]]])
 
 
 def test_a_constant_with_its_round_off_looks_constant():

@@ -1,0 +1,79 @@
+"""The obstacles of a run, and where they press, as arrays that a picture is drawn from."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import rotations
+from dlo_sim.engine.arrays import CONTACT
+from dlo_sim.engine.grasps import DURATION
+from dlo_sim.simulation import obstacles
+from dlo_sim.simulation.recorder import Recorder
+
+if TYPE_CHECKING:
+    from dlo_sim.simulation.simulator import Simulator
+
+Array = NDArray[np.float64]
+MOST_LOOKS = 100  # samples of a run whose contacts are computed
+PLATE = 1.4  # side of what is shown of a plane, in diagonals of the box that the run needs
+
+
+def drawn_obstacles(simulator: Simulator, recorder: Recorder) -> dict[str, Array]:
+    """Obstacles along the samples of a run in which they went on as they do now; empty without.
+
+    Returns:
+        obstacle_triangles: surfaces, each in the frame of its obstacle [m], shape (k, 3, 3), and
+        obstacle_of: the number of that, shape (k,). obstacle_poses: position [m] and quaternion
+        x, y, z, w of every obstacle at every sample, shape (T, obstacles, 7). contact_points [m]
+        and contact_forces on the cable [N], shape (c, 3), at the samples contact_samples, shape
+        (c,), up to `MOST_LOOKS` of them. The forces are those of the pressure, without friction,
+        which a shape does not tell.
+    """
+    bodies = simulator.scene.bodies
+    if not (bodies and recorder.count and simulator.model.has(CONTACT)):
+        return {}
+    times = recorder.times[: recorder.count]
+    points = recorder.control_points[:, :, :3].reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    origin = simulator.model.origin
+    poses = np.empty((len(times), len(bodies), 7))
+    surfaces, numbers = [], []
+    for k, (body, row) in enumerate(zip(bodies, simulator.cable.obstacles, strict=True)):
+        moving = times if row[DURATION] else times[:1]
+        poses[:, k] = [np.concatenate(obstacles.pose_at(row, t, origin)) for t in moving]
+        surface = obstacles.surface(body, PLATE * float(np.linalg.norm(high - low)))
+        if body.shape == "plane":
+            way = 0.5 * (low + high) - poses[0, k, :3]
+            there = rotations.rotate(rotations.conjugate(poses[0, k, 3:]), way)
+            surface = surface + there * (1.0, 1.0, 0.0)
+        surfaces.append(surface)
+        numbers.append(np.full(len(surface), float(k)))
+    return {
+        "obstacle_triangles": np.concatenate(surfaces),
+        "obstacle_of": np.concatenate(numbers),
+        "obstacle_poses": poses,
+        **_contacts(simulator, recorder),
+    }
+
+
+def _contacts(simulator: Simulator, recorder: Recorder) -> dict[str, Array]:
+    """The part of `drawn_obstacles` that has to do with contact."""
+    twin, count = deepcopy(simulator), recorder.count
+    points, forces, samples = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)]
+    for sample in np.unique(np.linspace(0, count - 1, min(count, MOST_LOOKS)).round().astype(int)):
+        twin.cable.x[:] = recorder.lines[sample]
+        twin.cable.arrays.state.bristle[:] = 0.0
+        twin.cable.place_obstacles(recorder.times[sample])
+        for contact in twin.contacts.values():
+            points.append(contact.points)
+            forces.append(contact.forces)
+            samples.append(np.full(len(contact.points), float(sample)))
+    return {
+        "contact_points": np.concatenate(points),
+        "contact_forces": np.concatenate(forces),
+        "contact_samples": np.concatenate(samples),
+    }
