@@ -1095,6 +1095,11 @@ TERMS = (
         loss=lambda scene: "the cable goes through its obstacles",
     ),
     Term(
+        "friction",
+        needed=lambda scene: bool(scene.rubbing),
+        absent="nothing that the cable touches has friction (contact.friction is 0)",
+    ),
+    Term(
         "gravity",
         needed=lambda scene: any(scene.gravity),
         absent="gravity is 0",

@@ -75,6 +75,11 @@ def _sprung(scene: Scene) -> Values:
     return {"end.fixed": [False, True, True], "end.spring": [STIFF, 0.0, 0.0]}
 
 
+def _smooth(scene: Scene) -> Values:
+    """No obstacle with friction, which rattle does not know."""
+    return {f"obstacles.{one.name}.friction": 0.0 for one in scene.obstacles}
+
+
 def _flat(scene: Scene) -> Values:
     """No motion along y, and no load that acts there."""
     across = any(load.force[1] or load.torque[0] or load.torque[2] for load in scene.loads)
@@ -111,7 +116,8 @@ TERMS = {
     "frenet": Term(FRENET, TWIST, "terms.twist is not frenet"),
     "bishop": Term(BISHOP, TWIST, "terms.twist is not bishop"),
     "quasistatic": Term({"terms.twist": "quasistatic"}, BISHOP, "terms.twist is not quasistatic"),
-    "contact": Term(GROUND, {"terms.contact": "off"}),
+    "contact": Term(GROUND, {"terms.contact": "off"}, along=("friction",)),
+    "friction": Term({"contact.friction": 0.3}, _smooth),
     "plasticity": Term(YIELDING, {"terms.plasticity": "off"}),
     "gravity": Term({"terms.gravity": "on"}, {"terms.gravity": "off"}),
     "springs": Term(_sprung, HELD),
@@ -133,11 +139,6 @@ PLAIN: Values = {"damping.stiffness": 0.0, "damping.air_drag": 0.0}
 UNBENT: Values = {"cable.rest_curvature": [0.0]}
 
 
-def _smooth(scene: Scene) -> Values:
-    """No friction, which rattle does not know."""
-    return {f"obstacles.{one.name}.friction": 0.0 for one in scene.obstacles}
-
-
 # The inertia of twist is left out by an implicit method only.
 IMPLICIT: Values = {"integrator.method": "energy_momentum", "integrator.step": 0.0}
 METHODS: tuple[Values, ...] = (
@@ -155,6 +156,7 @@ COMMON: tuple[Change, ...] = (
     {**SPACE, **BISHOP},
     {**TWIST, "end.clamped": False},
     {**TWIST, **STILL},
+    GROUND,
 )
 
 
@@ -230,7 +232,7 @@ def _pair(scene: Scene, name: str) -> tuple[Values, Scene, Scene]:
             continue
         # Changed values that are equal in both, but differ from the original scene.
         own, ours, theirs = map(scene_values, (scene, full, bare))
-        kept = {k: v for k, v in shared.items() if own[k] != ours[k] == theirs[k]}
+        kept = {k: v for k, v in shared.items() if own.get(k) != ours[k] == theirs[k]}
         return kept, full, bare
     raise RuntimeError(f"omission: no two scenes differ in the term {name} alone")
 
