@@ -35,9 +35,9 @@ def add_arguments(parser: Parser) -> None:
     """Say what the subcommand does and takes."""
     parser.description = (
         "Start a cable at rest where a planned motion begins, and predict its shape, tension and "
-        "curvature along the motion. Ends and grasps that are not in the plan stay where the scene "
-        "puts them; loads are those of the scene. Exit status 3 if the run fails; the shapes up to "
-        "then are kept."
+        "curvature along the motion. Obstacles, and ends and grasps that are not in the plan, stay "
+        "where the scene puts them; loads are those of the scene. Exit status 3 if the run fails; "
+        "the shapes up to then are kept."
     )
     parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
     parser.add_argument(
@@ -100,9 +100,8 @@ def run(options: argparse.Namespace) -> int:
     if options.output is not None:
         arrays = {name: getattr(found, name) for name in ("control_points", "centerline")}
         arrays |= {"time": found.times, "centerline_u": found.u}
-        write_arrays(
-            options.output, arrays | {"tension": found.tension, "curvature": found.curvature}
-        )
+        arrays |= {"tension": found.tension, "curvature": found.curvature}
+        write_arrays(options.output, arrays | found.obstacles)
     if options.json:
         print_json(_summary(found, simulator, list(plan.poses)) | accuracy)
     else:
@@ -126,6 +125,7 @@ def _summary(found: "Forecast", simulator: "Simulator", planned: list[str]) -> d
         "simulated_s": found.report.simulated,
         "shapes": len(found.times),
         "peak_tension": found.peak_tension,
+        "contact": found.contact or None,
         "largest_curvature": found.largest_curvature,
         "end_shape": found.centerline[-1],
         "choice": simulator.choice.reason,
@@ -150,11 +150,23 @@ def _print_report(
         "planned": planned,
         "peak tension": tension,
         "largest curvature": curvature,
+        **_contact(found),
         f"shape at {found.times[-1]:g} s": "\n".join(lines),
     } | more
     if options.output is not None:
         rows["output"] = f"{options.output} ({len(found.times)} shapes)"
     print_rows(rows)
+
+
+def _contact(found: "Forecast") -> dict[str, str]:
+    contact = found.contact
+    if not contact:
+        return {}
+    line = (
+        f"{contact['total']:.3g} N in all, {contact['largest']:.3g} N by one obstacle, clearance "
+        f"{contact['clearance']:.3g} m; without friction"
+    )
+    return {"contact": line}
 
 
 def _where(found: "Forecast", values: "Array") -> str:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -40,6 +40,11 @@ LONGEST = 60.0  # [s]: longest plan, counted from the present state
 MOST_POINTS = 20_000  # of a plan: 60 s at 333 Hz
 _MOST_BYTES = 16_000_000  # of a plan that is handed to another process
 _MOST_JOINTS = 1000
+_CONTACT = {
+    "total": "contact force [N]",
+    "largest": "largest contact force [N]",
+    "clearance": "clearance [m]",
+}
 _GHOST_COLOR = (0.4, 0.8, 0.4, 0.3)
 
 
@@ -142,9 +147,17 @@ def answer(asked: Request) -> Answer:
     values = (
         ("peak tension [N]", "unknown" if peak is None else f"{peak:.4g}"),
         ("largest curvature [1/m]", f"{found.largest_curvature:.4g}"),
+        *contact_values(found.contact),
         ("forecast time [ms]", f"{1e3 * (time.perf_counter() - began):.1f}"),
     )
     return Answer(messages, values, found.report.message)
+
+
+def contact_values(contact: Mapping[str, float]) -> Iterator[tuple[str, str]]:
+    """Keys and values for the diagnostics, of `Forecast.contact`."""
+    for name, key in _CONTACT.items():
+        if name in contact:
+            yield key, f"{contact[name]:.4g}"
 
 
 def decode_trajectory(raw: cdr.Bytes, known: Collection[str] | None = None) -> Trajectory:

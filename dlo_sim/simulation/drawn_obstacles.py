@@ -28,10 +28,13 @@ def drawn_obstacles(simulator: Simulator, recorder: Recorder) -> dict[str, Array
     Returns:
         obstacle_triangles: surfaces, each in the frame of its obstacle [m], shape (k, 3, 3), and
         obstacle_of: the number of that, shape (k,). obstacle_poses: position [m] and quaternion
-        x, y, z, w of every obstacle at every sample, shape (T, obstacles, 7). contact_points [m]
-        and contact_forces on the cable [N], shape (c, 3), at the samples contact_samples, shape
-        (c,), up to `MOST_LOOKS` of them. The forces are those of the pressure, without friction,
-        which a shape does not tell.
+        x, y, z, w of every obstacle at every sample, shape (T, obstacles, 7).
+
+        contact_looks: the samples whose contacts are computed, up to `MOST_LOOKS` of them, shape
+        (l,). There contact_clearance: smallest gap [m], contact_total and contact_largest: sum and
+        largest of the forces of the obstacles [N], shape (l,); contact_points [m] and
+        contact_forces on the cable [N], shape (c, 3), at the samples contact_samples, shape (c,).
+        The forces are those of the pressure, without friction, which a shape does not tell.
     """
     bodies = simulator.scene.bodies
     if not (bodies and recorder.count and simulator.model.has(CONTACT)):
@@ -64,15 +67,24 @@ def _contacts(simulator: Simulator, recorder: Recorder) -> dict[str, Array]:
     """The part of `drawn_obstacles` that has to do with contact."""
     twin, count = deepcopy(simulator), recorder.count
     points, forces, samples = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)]
-    for sample in np.unique(np.linspace(0, count - 1, min(count, MOST_LOOKS)).round().astype(int)):
+    looks = np.unique(np.linspace(0, count - 1, min(count, MOST_LOOKS)).round().astype(int))
+    gaps, sizes = [], []
+    for sample in looks:
         twin.cable.x[:] = recorder.lines[sample]
         twin.cable.arrays.state.bristle[:] = 0.0
         twin.cable.place_obstacles(recorder.times[sample])
-        for contact in twin.contacts.values():
+        found = twin.contacts.values()
+        gaps.append(min(contact.clearance for contact in found))
+        sizes.append([float(np.linalg.norm(contact.force)) for contact in found])
+        for contact in found:
             points.append(contact.points)
             forces.append(contact.forces)
             samples.append(np.full(len(contact.points), float(sample)))
     return {
+        "contact_looks": looks.astype(float),
+        "contact_clearance": np.array(gaps),
+        "contact_total": np.sum(sizes, axis=1),
+        "contact_largest": np.max(sizes, axis=1),
         "contact_points": np.concatenate(points),
         "contact_forces": np.concatenate(forces),
         "contact_samples": np.concatenate(samples),

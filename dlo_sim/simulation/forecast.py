@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,6 +42,8 @@ class Forecast:
         centerline: [m], shape (S, n_c, 3). curvature: [1/m], shape (S, n_c).
         tension: [N], shape (S, n_c); None if the shape does not determine it.
         report: of the advance; after a failure only the shapes before it are given.
+        obstacles: what `drawn_obstacles` says of them, empty without. They go on as they move now,
+            to the end of that motion, and rest there.
     """
 
     times: Array
@@ -51,6 +53,23 @@ class Forecast:
     curvature: Array
     tension: Array | None
     report: Report
+    obstacles: dict[str, Array] = field(default_factory=dict)
+
+    @property
+    def contact(self) -> dict[str, float]:
+        """Largest sum `total` and largest one `largest` of the forces that obstacles exert by their
+        pressure [N], and smallest gap `clearance` [m], negative where the cable is pressed in;
+        empty without obstacles.
+        """
+        if not self.obstacles:
+            return {}
+        total, largest = self.obstacles["contact_total"], self.obstacles["contact_largest"]
+        clearance = float(self.obstacles["contact_clearance"].min())
+        return {
+            "total": float(total.max()),
+            "largest": float(largest.max()),
+            "clearance": clearance,
+        }
 
     @property
     def peak_tension(self) -> float | None:

@@ -45,6 +45,7 @@ from dlo_sim.simulation.buckling import (
 )
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.drawn_obstacles import drawn_obstacles
 from dlo_sim.simulation.ends import NEAR, EndDrive, Waiting, apart
 from dlo_sim.simulation.forecast import (
     EVERY,
@@ -530,7 +531,7 @@ class Simulator:
     def forecast(self, plan: Plan, every: float = EVERY) -> Forecast:
         """Predict the shapes along a plan, at multiples of `every` [s], bit for bit as `follow`.
 
-        This simulator is not changed. Loads continue unchanged.
+        This simulator is not changed. Loads continue unchanged; obstacles go on as they move now.
 
         Raises:
             TypeError, ValueError: as `follow`, or a plan that does not begin at the present poses.
@@ -550,7 +551,8 @@ class Simulator:
         at = np.minimum(now + samples, now + times[-1])
         report, recorder = future.record_along(now + times, poses, at)
         count, shapes = recorder.count, recorder.along(self.scene)
-        return Forecast(samples[:count], recorder.control_points, *shapes, report)
+        drawn = drawn_obstacles(future, recorder)
+        return Forecast(samples[:count], recorder.control_points, *shapes, report, drawn)
 
     def _until_look(self, steps: int) -> int:
         """At most `steps`, and none beyond the next look at a straight cable. One that is bent will

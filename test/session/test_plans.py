@@ -85,6 +85,7 @@ def test_what_comes_of_a_plan(session):
     last = ghosts.points[-1]
     assert [last.x, last.y, last.z] == expected.centerline[-1, -1].tolist()
     values = dict(found.values)
+    assert "clearance [m]" not in values
     assert float(values["peak tension [N]"]) == pytest.approx(expected.peak_tension, rel=1e-3)
 
 

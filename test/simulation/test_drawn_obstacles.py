@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_contact_added import LYING
 
-from dlo_sim import Obstacle
+from dlo_sim import EndMotion, Obstacle, Plan, Simulator
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.obstacles import surface
 from dlo_sim.simulation.recording import record
@@ -27,6 +27,39 @@ def test_a_recording_has_the_obstacles_and_where_they_press():
     total = found["contact_forces"][last].sum(axis=0)
     np.testing.assert_allclose(total, [0.0, 0.0, weight], atol=1e-3 * weight)
     np.testing.assert_allclose(found["contact_points"][last][:, 2], -0.001, atol=1e-4)
+
+
+def test_a_forecast_knows_obstacles_that_move_and_those_that_came():
+    """A ball that came later moves against the held cable and stops; the table is of the scene."""
+
+    def begun():
+        held = {"start.fixed": [True] * 3, "contact.friction": 0.0, "terms.out_of_plane": "on"}
+        table = {"obstacles.names": ["table"], "obstacles.table.position": [0.0, 0.0, -0.004]}
+        sim = Simulator(scene_from_values(LYING | held | table))
+        sim.add_obstacles([Obstacle("ball", "sphere", (0.04,) * 3, (0.2, 0.05, 0.0))])
+        path = np.array([(0.2, 0.05, 0.0), (0.0, -0.2, 0.0), (0.0, 0.0, 0.0)])
+        turn = np.array([0.0, 0.0, 0.0, 1.0])
+        motion = EndMotion.from_coefficients(0.0, 0.3, path, turn, np.zeros((2, 3)))
+        sim.move_obstacle("ball", motion)
+        sim.advance(0.1)
+        return sim
+
+    sim, driven = begun(), begun()
+    times = np.array([0.0, 0.5])
+    poses = {"start": np.tile(np.concatenate(sim.end_pose("start")), (2, 1))}
+    found = sim.forecast(Plan(times, poses), 0.05)
+    _, points = driven.follow(0.1 + times, poses, np.minimum(0.1 + found.times, 0.6))
+    assert np.array_equal(found.control_points, points)
+    assert points[-1, 5:, 1].max() < -0.01, "it was pushed aside"
+    balls = found.obstacles["obstacle_poses"][:, 1, 1]
+    np.testing.assert_allclose(balls[[0, 2, 9]], [0.02, 0.0, -0.01], atol=1e-12)
+    last = driven.contacts
+    clearance = min(one.clearance for one in last.values())
+    assert found.obstacles["contact_clearance"][-1] == pytest.approx(clearance, abs=1e-12)
+    forces = [float(np.linalg.norm(one.force)) for one in last.values()]
+    assert found.obstacles["contact_total"][-1] == pytest.approx(sum(forces), rel=1e-9)
+    assert found.contact["total"] >= sum(forces) and found.contact["largest"] >= max(forces) > 0.0
+    assert found.contact["clearance"] <= clearance < 0.0
 
 
 def test_nothing_is_drawn_without_obstacles():
