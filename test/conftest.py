@@ -1,8 +1,7 @@
 """What every test may use: the checkout's folder, and child processes that import the same code.
 
 `pytest -n auto --dist loadfile --no-loadscope-reorder` (pytest-xdist) gives whole files
-to one process per core, in the order below; so the fixtures of a file are built once. With more
-processes a node gets too little time for the tests that compare it with its replay.
+to one process per core and one more, in the order below; so the fixtures of a file are built once.
 """
 
 from __future__ import annotations
@@ -25,6 +24,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ["PYTHONPATH"] = os.pathsep.join(
     [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
 )
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """One process more than cores: about one of three waits for a node."""
+    return len(os.sched_getaffinity(0)) + 1
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-CLOSED = ["2>&-", ">&-", ">&- 2>&-", "<&-", "<&- >&- 2>&-"]
+CLOSED = ["2>&-", ">&-", "<&- >&- 2>&-"]
 SIMULATE = ["simulate", "paper_wire", "--duration", "0.001", "--set", "integrator.step=1e-5"]
 
 

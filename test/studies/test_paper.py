@@ -22,6 +22,7 @@ def study(tmp_path_factory, pytestconfig):
     with pytest.MonkeyPatch.context() as patch:
         lines: list[str] = []
         patch.setattr("dlo_sim.cli.study.print_json", lambda values: lines.append(_dumps(values)))
+        patch.setattr("matplotlib.figure.Figure.savefig", lambda figure, path, **_: path.touch())
         status = main(["study", "paper", "--output", str(folder), "--quick", "--json"])
     capture.resume_global_capture()
     assert status == 0
