@@ -7,14 +7,16 @@ from rosbags.typesys import Stores, get_typestore
 from ruamel.yaml import YAML
 
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import cdr
 from dlo_sim.session.topics import CONTROL_POINTS, DIAGNOSTICS, MARKERS, output_topics, resolved
 
-TOPICS = output_topics(Scene())
+TOPICS = output_topics(scene_from_values({"contact.markers": 1}))  # with obstacles
 PUBLISHED = {resolved(topic): kind for topic, kind in TOPICS.items()}
 SHAPES = {resolved(topic) for topic in TOPICS.keys() & {CONTROL_POINTS, *MARKERS}}
 RVIZ = {
     "rviz_default_plugins/Marker": cdr.MARKER,
+    "rviz_default_plugins/MarkerArray": cdr.MARKER_ARRAY,
     "rviz_default_plugins/PoseArray": cdr.POSE_ARRAY,
 }
 # What a subscriber may ask of a reliable, transient local publisher; ROS connects others to none.
@@ -41,7 +43,7 @@ def test_rviz_shows_every_shape_as_it_is_published(rviz):
         assert RVIZ[display["Class"]] == PUBLISHED[topic]
         for policy, offered in OFFERED.items():
             assert display["Topic"][policy] in offered
-        if PUBLISHED[topic] == cdr.MARKER:
+        if PUBLISHED[topic] in (cdr.MARKER, cdr.MARKER_ARRAY):
             assert display["Namespaces"] == {topic.rpartition("/")[2]: True}
 
 

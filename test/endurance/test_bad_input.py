@@ -15,6 +15,7 @@ import pytest
 from damage import REALS, damage_bag, damaged_message
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from marker_arrays import array, marker
 from plans import still_plan
 
 from dlo_sim.replay.bags import BagError, BagWriter
@@ -69,6 +70,7 @@ ALL_INPUTS = {
     "outputs.capsules": 5,
     "outputs.tf": True,
     "forecast.processes": 1,
+    "contact.markers": 3,
 }
 COMMANDS = ("simulate", "replay", "node")
 FEW = settings(max_examples=max(2, settings().max_examples // 10))  # examples that take a second
@@ -99,7 +101,13 @@ def valid_messages(kind):
     def plan(stamp_ns):
         return still_plan((100_000_000, 500_000_000), stamp_ns, "world")
 
+    def obstacles(stamp_ns):
+        place = (0.4, 0.1 * np.sin(stamp_ns * 2e-9), -0.2)
+        gone = marker(1, place, (0.1,) * 3, action=cdr.DELETE)
+        return array(stamp_ns, marker(stamp_ns // TICK % 3, place, (0.1,) * 3, cdr.SPHERE), gone)
+
     return {
+        "/dlo_sim/obstacles": obstacles,
         "/pose": lambda t: pose.encode(t, (0.0, 0.02 * np.sin(t * 3e-9), 0.0, 0, 0, 0, 1)),
         "/points": points.encode,
         "/wrench": lambda t: wrench.encode(t, (0.01, 0.0, 0.02, 0.0, 0.0, 0.0)),

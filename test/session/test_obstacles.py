@@ -70,6 +70,22 @@ def test_a_belt_carries_the_cable_along():
     assert out and out == again
 
 
+def test_a_pose_that_is_none_and_a_jump_are_counted_and_it_goes_on():
+    session, _ = carried(0.3)
+    encoder = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
+    record = session.journal.topics["/belt_pose"]
+    for k, x in enumerate((np.nan, 30.0, 0.0)):
+        now = T0 + 300 * MS + k * 20 * MS
+        session.receive("/belt_pose", encoder.encode(now, (x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)), now)
+        session.tick(now)
+    assert record.refused == {"not_finite": 1, "too_fast": 1}
+    assert record.last_refusal.startswith("too_fast: pose jumps 30 m in 0.04 s")
+    session.tick(T0 + 400 * MS)
+    assert session.simulator.end_pose("belt")[0][0] == 0.0
+    weight = session.simulator.scene.cable.mu * 0.3 * 9.81
+    assert session.simulator.contact("belt").force[2] == pytest.approx(weight, rel=1e-2)
+
+
 def test_obstacles_and_forces_are_shown():
     """One marker for the belt where it is, and lines with the weight of the cable."""
     session, _ = carried(1.0)
