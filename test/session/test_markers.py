@@ -9,6 +9,7 @@ import pytest
 from marker_arrays import array, marker
 from session_bench import MS, SECOND, T0
 
+from dlo_sim.compiling.pieces import Piece
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import Refused
@@ -236,3 +237,18 @@ def test_frames_are_looked_up():
     position, orientation = session.simulator.end_pose("cell/0")
     np.testing.assert_allclose(position, [0.0, 0.0, -0.1], atol=1e-12)
     assert abs(orientation[2]) == pytest.approx(math.sqrt(0.5))
+
+
+def test_no_tick_loads_code_when_the_first_one_comes(monkeypatch):
+    for estimate in ("off", "on"):
+        session = session_of(**{"accuracy.estimate": estimate})
+        run(session, [], 0.1)
+        with monkeypatch.context() as patched:
+            patched.setattr(
+                Piece, "_load", lambda piece, terms: pytest.fail(f"{piece.name} {terms}")
+            )
+            messages = [(0.1, plate()), (0.3, plate(position=(0.01, 0.0, -0.03)))]
+            run(session, [*messages, (0.5, plate(action=cdr.DELETE))], 0.7, begin=0.1)
+            session.messages(["~/contacts"], ["~/contacts"])
+            session.diagnostics(T0 + SECOND)
+        assert not session.simulator.scene.bodies
