@@ -67,7 +67,7 @@ CONSTRAINED, IMPLICIT = 1 << 22, 1 << 23
 ENERGIES = ("stretch", "bend", "twist", "torsion", "plasticity", "gravity", "spring", "contact")
 STRETCHING, BENDING, TWISTING, TORSIONAL, PLASTIC, WEIGHT, SPRING, TOUCHING = range(8)
 
-OK, DIVERGED, NOT_CONVERGED = 0, 1, 2  # outcome of an advance
+OK, DIVERGED, NOT_CONVERGED, PASSED = 0, 1, 2, 3  # outcome of an advance
 
 
 class Mesh(Group):
@@ -188,6 +188,7 @@ class Contact(Group):
     core = Wholes("obstacles")  # HALF_SPACE, BOX, CYLINDER, TUBE or MESH
     half = Reals("obstacles", 3)  # size of the core along its axes
     reach = Reals("obstacles")  # by which the core is grown [m]
+    middle = Reals("obstacles")  # depth near its middle [m]
     extent = Reals("obstacles")  # of the core from its centre, that a rotation moves [m]
     law = Reals("obstacles", 5)  # `contact.STIFFNESS` to FRICTION
     field = Reals("obstacles", 10)  # of meshes (`distance_field.ORIGIN` to HIGH)
@@ -257,11 +258,13 @@ class State(Group):
         "contact_way",  # by how much cable and obstacles moved since [m]
         "contact_carried",  # by how much obstacles move in this step [m]
         "contact_moved",  # cable and obstacles in the last explicit step [m]
+        "contact_deep",  # samples and steps near the middle of an obstacle
         "slip",  # share of the plastic flow of a step that its forces contain
     )
     natural = Lanes("curved_blocks", "samples", 4)  # weight EI kappa0 (3), rest twist [rad/m]
     plastic = Lanes("plastic_blocks", "samples", 9)  # curvature; tangent, curvature before
     pose = Reals("obstacles", 36)  # at the start, the middle and the end of a step (`contact`)
+    yielded = Reals("obstacles", 2)  # less reach at the start and the end of a step [m]
     near_count = Reals("obstacles")
     near = Reals("obstacles", "groups")  # so many groups of samples that may touch the obstacle
     bristle = Lanes("obstacles", "groups", 3)  # friction that sticks, in its frame [m]

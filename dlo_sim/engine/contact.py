@@ -32,6 +32,10 @@ no part of it is negative.
 Implicit steps take all of this as one force. Explicit steps have the elastic pressure in their
 forces and the rest, friction and damping, as a kick at the end of a step (`dissipate`).
 
+**Jumps.** An obstacle that jumps into the cable would fling it out. It yields instead: its reach is
+less by as much as the cable is inside, and grows back at the speed RETURN. The gap then changes by
+n.dy and the growth, whose work p times growth is that of the obstacle.
+
 **Broad phase.** Groups of samples near an obstacle are found for many steps at once: until cable
 and obstacles have moved by `balance.contact_margin`.
 
@@ -73,6 +77,8 @@ JUMP = 0.05  # share of the reach that a step may move past an obstacle without 
 # Share of the velocity of a lumped mass that a kick of friction may take. The mass at the end of a
 # cable is less than half of that, so half would already turn it round.
 KICK = 0.4
+RETURN = 0.2  # [m/s], at which an obstacle that has yielded pushes the cable out
+SHALLOW = 0.03  # diameters that a cable may be inside an obstacle that does not yield
 AHEAD = 16.0  # expected motions of a step that the margin of the broad phase allows for
 
 
@@ -109,6 +115,12 @@ def copy_pose(pose, at, to):
     """Copy the pose at `at` to `to`."""
     for k in range(12):
         pose[to + k] = pose[at + k]
+
+
+@part
+def settle_yielding(cable, o, at):
+    """What an obstacle yields at the start (0) or end (1) of a step is that of the whole step."""
+    cable.state.yielded[o, 1 - at] = cable.state.yielded[o, at]
 
 
 @part
@@ -158,6 +170,25 @@ def obstacles_move(cable):
         if moves(cable.inputs.obstacle[o]):
             return True
     return False
+
+
+@piece(float64, int64, int64, terms=CONTACT)
+def give_way(address, obstacle):
+    """Let an obstacle yield to the cable at the present configuration; returns by how much [m]."""
+    cable, o = cable_at(address), obstacle
+    contact, deepest = cable.contact, zero()
+    first = 0 if contact.core[o] == HALF_SPACE else contact.coarse
+    last = contact.coarse if contact.core[o] == HALF_SPACE else len(contact.first)
+    for g in range(first, last):
+        y = to_body(cable.state.pose[o], END, sample_at(cable, cable.state.x, g))
+        depth_ = where(fabs(contact.weight[g]), contact.reach[o] - distance(cable, o, y)[0], 0.0)
+        deepest = where(depth_ - deepest, depth_, deepest)
+    most = 0.0
+    for k in range(LANES):
+        most = max(most, lane(deepest, k))
+    cable.state.yielded[o, 1] = most if most > SHALLOW * contact.least_margin else 0.0
+    settle_yielding(cable, o, 1)
+    return cable.state.yielded[o, 1]
 
 
 @part
@@ -369,17 +400,20 @@ def misses(contact, o, there, dy):
 
 
 @part
-def pressure(contact, o, rate, here, there, dy):
-    """Gaps before and after, n, p_el, p, dp/dg1, f0 + f1, and 1 where the step may have passed
-    through the obstacle, for a step dy between two `distance`. `rate`: 1 / tau.
+def pressure(cable, o, rate, here, there, dy):
+    """Gaps before and after, n, p_el, p, dp/dg1, f0 + f1, 1 where the step may have passed through
+    the obstacle, and 1 near its middle, for a step dy between two `distance`. `rate`: 1 / tau, or 0
+    at its end.
     """
-    law, reach = contact.law[o], contact.reach[o]
-    g0, g1, both = here[0] - reach, there[0] - reach, here[2] + there[2]
+    contact, yielded = cable.contact, cable.state.yielded[o]
+    law, reach, both = contact.law[o], contact.reach[o], here[2] + there[2]
+    g0 = here[0] - (reach - (yielded[0] if rate > 0.0 else yielded[1]))
+    g1 = there[0] - (reach - yielded[1])
     n, jumped = there[1], zero()
     if contact.core[o] != HALF_SPACE:
         way = dot(dy, dy)
         n = scaled(1.0 / both, combined(here[2], here[1], there[2], there[1]))
-        n = combined(1.0, n, ((g1 - g0) - dot(n, dy)) / (way + SMOOTH), dy)
+        n = combined(1.0, n, ((there[0] - here[0]) - dot(n, dy)) / (way + SMOOTH), dy)
         far = sqrt(way)
         jumped = where(far - (g0 + g1), 1.0, 0.0) * where(0.5 - dot(here[1], there[1]), 1.0, 0.0)
         jumped = jumped * where(far - JUMP * reach, 1.0, 0.0)
@@ -394,7 +428,7 @@ def pressure(contact, o, rate, here, there, dy):
     slope = -0.5 * k * share * (1.0 - up + share * up) - c * share
     slope += c * (g1 - g0) * inverse * (0.5 * (1.0 - up) + share * up)
     p, slope = where(p, p, 0.0), where(p, slope, 0.0)
-    return (g0, g1), n, elastic, p, slope, both, jumped
+    return (g0, g1), n, elastic, p, slope, both, jumped, where(-g1 - contact.middle[o], 1.0, 0.0)
 
 
 @part
@@ -420,7 +454,7 @@ def friction(law, stiff, n, dy, z, p):
 
 
 @piece(
-    *((float64, float64, float64, boolean), CABLE, float64, float64, float64),
+    *((float64, float64, float64, boolean, float64), CABLE, float64, float64, float64),
     *(boolean, LINES, LINES, LINES),
     terms=CONTACT,
 )
@@ -432,17 +466,18 @@ def add_force(cable, springs, rate, most, rubs, x0, x1, out):
             alone. most: bound of k_t + c_t / tau. rubs: whether there is friction.
 
     Returns:
-        Work of the obstacles [J], energy put into the bristles [J], loss [J], and whether no sample
-        may have passed through an obstacle.
+        Work of the obstacles [J], energy put into the bristles [J], loss [J], whether no sample may
+        have passed through an obstacle, and how many are near the middle of one.
     """
     contact, state = cable.contact, cable.state
-    worked, kept, lost, jumps = zero(), zero(), zero(), zero()
+    worked, kept, lost, jumps, depths = zero(), zero(), zero(), zero(), zero()
     begun, middle = (START, MIDDLE) if rate > 0.0 else (END, END)
     for o in range(contact.count):
         law, pose = contact.law[o], state.pose[o]
         rubbed = rubs and law[FRICTION] > 0.0
         stiff = law[BRISTLE], min(law[BRISTLE] + law[BRISTLE_DAMPING] * rate, most) + TINY
         rates = stiff[1] - stiff[0]
+        grown = state.yielded[o, 0] - state.yielded[o, 1] if rate > 0.0 else 0.0
         for k in range(int(state.near_count[o])):
             g = int(state.near[o, k])
             r0, r1, w = sample_at(cable, x0, g), sample_at(cable, x1, g), contact.weight[g]
@@ -455,10 +490,13 @@ def add_force(cable, springs, rate, most, rubs, x0, x1, out):
                     kept = kept - stored
                 continue
             here = distance(cable, o, y0)
-            gaps, n, elastic, p, _, _, jumped = pressure(contact, o, rate, here, there, dy)
+            gaps, n, elastic, p, _, _, jumped, deep = pressure(cable, o, rate, here, there, dy)
             jumps += where(w, jumped, 0.0)
+            depths += where(w, deep, 0.0)
             lost += w * (p - elastic) * (gaps[0] - gaps[1])
-            f = scaled(p - (1.0 - springs) * elastic, n)
+            pressed = p - (1.0 - springs) * elastic
+            worked += w * grown * pressed
+            f = scaled(pressed, n)
             if rubbed:
                 z = vector_of(state.bristle[o, g])
                 trial, share, _, held, slip, _ = friction(law, stiff, n, dy, z, p)
@@ -477,7 +515,8 @@ def add_force(cable, springs, rate, most, rubs, x0, x1, out):
             on_lines = to_lines(pose, middle, f)
             worked += w * (dot(on_lines, combined(1.0, r1, -1.0, r0)) - dot(f, dy))
             push_samples(cable, g, scaled(w, on_lines), out)
-    return lane_sum(worked), lane_sum(kept), lane_sum(lost), lane_sum(jumps) == 0.0
+    sane, deep = lane_sum(jumps) == 0.0, lane_sum(depths)
+    return lane_sum(worked), lane_sum(kept), lane_sum(lost), sane, deep
 
 
 @part
@@ -495,7 +534,7 @@ def energy(cable, x, out):
         for k in range(int(state.near_count[o])):
             g = int(state.near[o, k])
             y = to_body(pose, END, sample_at(cable, x, g))
-            deep = depth(distance(cable, o, y)[0] - contact.reach[o])
+            deep = depth(distance(cable, o, y)[0] - contact.reach[o] + state.yielded[o, 1])
             z = vector_of(state.bristle[o, g])
             stored = law[STIFFNESS] * deep * deep + law[BRISTLE] * dot(z, z)
             sum_ += 0.5 * contact.weight[g] * stored
@@ -506,7 +545,7 @@ def energy(cable, x, out):
 def by_motion(law, stiff, there, found, dy, z, rubbed):
     """Minus d (p n + f) / d y1, by lines, from a `distance` and a `pressure`."""
     n1, bend = there[1], there[3]
-    _, n, _, p, slope, both, _ = found
+    _, n, _, p, slope, both, _, _ = found
     turn = -p / both
     push, aside = scaled(-slope, n), scaled(-turn, n)
     h = (
@@ -561,7 +600,7 @@ def add_tangent(cable, rate, rubs, x0, x1, scale, band):
             dy, there = combined(1.0, y1, -1.0, y0), distance(cable, o, y1)
             if misses(contact, o, there, dy):
                 continue
-            found = pressure(contact, o, rate, distance(cable, o, y0), there, dy)
+            found = pressure(cable, o, rate, distance(cable, o, y0), there, dy)
             if lane_sum(found[3]) == 0.0:
                 continue
             z = vector_of(state.bristle[o, g])
@@ -747,6 +786,11 @@ def begin(cable, t0, tau, way, x):
             set_pose(cable, o, MIDDLE, t0 + 0.5 * tau)
             set_pose(cable, o, END, t0 + tau)
             carried = max(carried, pose_way(cable, o))
+    for o in range(cable.contact.count):
+        left = max(cable.state.yielded[o, 0] - RETURN * tau, 0.0)
+        cable.state.yielded[o, 1] = left
+        if cable.state.yielded[o, 0] > 0.0:
+            carried = max(carried, RETURN * tau)
     way = 1.5 * (way + carried)
     if not balance.contact_way + way < balance.contact_margin:
         balance.contact_margin = AHEAD * way + cable.contact.least_margin
@@ -760,6 +804,7 @@ def undo(cable):
     """The step was not made."""
     for o in range(cable.contact.count):
         settle_pose(cable.state.pose[o], START)
+        settle_yielding(cable, o, 0)
 
 
 @part
@@ -773,6 +818,7 @@ def keep_bristles(cable):
                 for d in range(3):
                     state.bristle[o, g, d] = cable.work.trial[o, g, d]
         settle_pose(state.pose[o], END)
+        settle_yielding(cable, o, 1)
 
 
 @piece(boolean, CABLE, float64, LINES, LINES, LINES, LINES, terms=CONTACT)
@@ -789,9 +835,10 @@ def accept(cable, tau, x0, x1, change, spare):
     if balance.contact_way > balance.contact_margin:
         balance.contact_margin = 0.0
         return False
-    worked, _, lost, sane = add_force(cable, 1.0, 1.0 / tau, np.inf, YES, x0, x1, spare)
+    worked, _, lost, sane, deep = add_force(cable, 1.0, 1.0 / tau, np.inf, YES, x0, x1, spare)
     if not sane:
         return False
+    balance.contact_deep += deep
     balance.drive_work += worked
     balance.dissipated += lost
     keep_bristles(cable)
@@ -823,24 +870,38 @@ def carry_obstacles(cable, t, x):
 @part
 def begin_kicks(cable, t0, tau):
     """Prepare an explicit step, which is expected to move the cable as the last one did."""
-    copy(cable.state.x, cable.work.start)
-    begin(cable, t0, tau, cable.state.balance.contact_moved, cable.state.x)
+    balance, x = cable.state.balance, cable.state.x
+    copy(x, cable.work.start)
+    begin(cable, t0, tau, balance.contact_moved, x)
+    growing = False
     for o in range(cable.contact.count):
         copy_pose(cable.state.pose[o], START, END)  # `carry_obstacles` moves it on
+        growing = growing or cable.state.yielded[o, 0] > 0.0
+    if growing:  # all at once, at the start of the step
+        after = contact_energy(cable, x)
+        for o in range(cable.contact.count):
+            left, cable.state.yielded[o, 1] = cable.state.yielded[o, 1], cable.state.yielded[o, 0]
+            cable.state.yielded[o, 0] = left
+        balance.drive_work += after - contact_energy(cable, x)
+        for o in range(cable.contact.count):
+            settle_yielding(cable, o, 0)
+        cable.work.results.forces_known = 0.0
 
 
-@piece(void, CABLE, float64, terms=CONTACT)
+@piece(boolean, CABLE, float64, terms=CONTACT)
 def dissipate(cable, tau):
     """Friction and damping of an explicit step as a kick of w at its end.
 
     The energy that it takes from w and from the bristles is lost, but for the work of moving
     obstacles. c_t is reduced to what a kick bears: it must not turn a sliding sample round.
+
+    Returns whether the step may stand, as `accept`.
     """
     balance = cable.state.balance
     x0, x1, w, out = cable.work.start, cable.state.x, cable.state.w, cable.work.change
     clear(out)
     most = KICK * cable.contact.density / (tau * tau)
-    worked, kept, _, _ = add_force(cable, 0.0, 1.0 / tau, most, YES, x0, x1, out)
+    worked, kept, _, sane, deep = add_force(cable, 0.0, 1.0 / tau, most, YES, x0, x1, out)
     before = kinetic(cable, w)
     solve_mass(cable, out)
     if cable.rows.count:
@@ -854,6 +915,8 @@ def dissipate(cable, tau):
             store(out, d, c, load(x1, d, c) - load(x0, d, c))
     balance.contact_moved = largest_way(cable, out) + balance.contact_carried
     balance.contact_way += balance.contact_moved
+    balance.contact_deep += deep
+    return sane and balance.contact_way <= balance.contact_margin
 
 
 # -- what touches, for reports -------------------------------------------------------------------
@@ -871,7 +934,7 @@ def report(address, obstacle, out):
         y = to_body(pose, END, sample_at(cable, state.x, g))
         d, n, _, _ = distance(cable, o, y)
         gap, z = d - contact.reach[o], vector_of(state.bristle[o, g])
-        f = combined(-law[STIFFNESS] * depth(gap), n, -law[BRISTLE], z)
+        f = combined(-law[STIFFNESS] * depth(gap + state.yielded[o, 1]), n, -law[BRISTLE], z)
         f = scaled(contact.weight[g], to_lines(pose, END, f))
         for k in range(LANES):
             values[g, 4 * k], values[g, 4 * k + 1] = lane(gap, k), lane(f[0], k)

@@ -20,6 +20,7 @@ from dlo_sim.engine.arrays import (
     IMPLICIT,
     NOT_CONVERGED,
     OK,
+    PASSED,
     RUNGE_KUTTA,
     SPLITTING,
     cable_at,
@@ -38,9 +39,9 @@ from dlo_sim.methods.zhai import zhai_step
 
 @part
 def take_step(method, cable, step, tau):
-    """Step number `step` of the scene's method; returns whether it succeeded."""
+    """Step number `step` of the scene's method; returns its outcome."""
     if method.family == IMPLICIT:
-        return implicit_step(method, cable, step, tau)
+        return OK if implicit_step(method, cable, step, tau) else NOT_CONVERGED
     touches = cable.terms & CONTACT != 0 and method.family != CONSTRAINED
     if touches:
         contact.begin_kicks(cable, step * tau, tau)
@@ -52,13 +53,16 @@ def take_step(method, cable, step, tau):
         done = runge_kutta_step(method, cable, step, tau)
     else:
         done = zhai_step(method, cable, step, tau)
+    passed = False
     if touches:
-        contact.dissipate(cable, tau)
+        passed = not contact.dissipate(cable, tau)
         if method.family != SPLITTING:  # others keep rates that contain the velocity
             cable.work.results.forces_known = 0.0
     if flow(cable):
         cable.work.results.forces_known = 0.0
-    return done
+    if passed:
+        return PASSED
+    return OK if done else NOT_CONVERGED
 
 
 @piece(
@@ -91,9 +95,8 @@ def advance(address, method_address, first, steps, tau, records_address, motions
         if len(shape):
             turn_natural_shape(cable, shape, rotations[done])
         sampling = begin_sample(cable, records, t0, tau)
-        if not take_step(method, cable, step, tau):
-            status = NOT_CONVERGED
-        elif (step + 1) % method.check_every == 0:
+        status = take_step(method, cable, step, tau)
+        if status == OK and (step + 1) % method.check_every == 0:
             if method.family != IMPLICIT and has_work(cable) and results.forces_known == 0.0:
                 evaluate(cable, t1)
             if not update_account(cable):

@@ -251,6 +251,10 @@ class Cable:
         if self.model.has(CONTACT):
             self.call(contact.place_obstacles, t)
 
+    def give_way(self, obstacle: int) -> float:
+        """Let an obstacle yield to the cable that is inside it; returns by how much [m]."""
+        return float(self.call(contact.give_way, obstacle))
+
     def put(
         self, points: Array, rates: Array, time: float | None = None, follow: bool = False
     ) -> None:

@@ -37,6 +37,7 @@ APART = 1.0  # distance of samples in reaches of the smallest obstacle
 HUNG_DEPTH = 0.01
 # Penetration of a cable thrown at inputs.max_speed, in half the thickness of a body.
 THROWN_DEPTH = 0.4
+MIDDLE = 0.8  # of half the thickness of a body: so deep is near its middle
 DAMPED = 0.3  # share of critical damping of contact, if the scene gives none
 # Bristles as stiff as the surface: a sliding cable is bent aside by mu times its penetration. Their
 # damping, in sqrt(k_t mu): with less, a cable that is pulled suddenly slips before it sticks.
@@ -275,7 +276,7 @@ def contact_with(
     rule = plane_rule(model.knots) if flat else body_rule(model.knots, group.pieces)
     there = rule.weights != 0.0
     found, u = samples[there], rule.places(bspline.breaks(model.knots))[there]
-    touches = found[:, 0] < 0.0
+    touches = np.any(found[:, 1:] != 0.0, axis=1)
     forces = np.zeros((int(touches.sum()), 3))
     forces[:, list(model.axes)] = found[touches, 1 : 1 + len(model.axes)]
     points = bspline.evaluate(cable.points[:, :3], model.knots, u[touches]) + model.origin
@@ -324,6 +325,36 @@ def passes(cable: Cable, obstacle: Obstacle, pose: tuple[Array, Array]) -> Array
     return np.asarray(low[np.hypot(x, y) < opening])
 
 
+def jump_warning(name: str, count: int, depth: float) -> str:
+    """One line about an obstacle that jumped into the cable."""
+    times = "once" if count == 1 else f"{count} times"
+    return (
+        f"obstacles.{name}: jumped into the cable {times}, by {depth:.3g} m at most; it yields and "
+        f"pushes the cable out at {contact.RETURN:g} m/s: move it by a motion or small steps"
+    )
+
+
+def depth_warning(scene: Scene, count: float) -> str:
+    """One line if samples were near the middle of an obstacle in `count` steps, else empty."""
+    if not count:
+        return ""
+    return (
+        "obstacles: the cable was pressed near the middle of one, and may have gone through it "
+        f"({count:.0f} samples and steps); raise contact.stiffness, or inputs.max_speed "
+        f"({scene.inputs.max_speed:g} m/s), for which it is chosen"
+    )
+
+
+def press_warning(name: str, found: Contact, scene: Scene) -> str:
+    """One line if the cable is deep in an obstacle that presses it, else empty."""
+    if -found.clearance <= 0.5 * scene.cable.diameter or not len(found.u):
+        return ""
+    return (
+        f"obstacles.{name}: the cable is pressed {-found.clearance:.3g} m into it, more than half "
+        "its diameter; give it room, or raise contact.stiffness"
+    )
+
+
 def out_of_reach(scene: Scene) -> dict[str, str]:
     """Obstacles that the cable cannot reach from an end that holds it where it is -> the reason, as
     in `Needs.left_out`.
@@ -369,6 +400,7 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
         flat = core.kind == contact.HALF_SPACE
         group.core[k], group.half[k], group.reach[k] = core
         group.law[k] = law(scene, obstacle)
+        group.middle[k] = math.inf if flat else MIDDLE * (min(core.half) + core.reach)
         if core.kind == contact.MESH:
             _fill_field(obstacle, radius, group, k)
         # The cable is never further from what it touches.

@@ -163,6 +163,7 @@ class Simulator:
         self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
         self._bases: dict[bytes, Basis] = {}
         self._steps, self._remainder = 0, 0.0
+        self._jumps: dict[str, tuple[int, float]] = {}  # obstacle -> how often, how deep at most
         self._fill_loads()
         for name in bodies & set(given):
             self.move_obstacle(name, EndMotion.resting(*given[name]))
@@ -176,6 +177,7 @@ class Simulator:
         self._needs = needs.stepped(self.choice.method.family == IMPLICIT)
         self._stepper = Stepper(scene, self.cable, self.choice.method, self.choice.step)
         self._look_every = steps_between_looks(self.choice.step, self._stepper.check_every)
+        self._give_way()
         self.cable.open_account(self.scene)
         started = time.perf_counter()
         self._stepper.advance(0, 0)  # no tick must have to compile this or the next line
@@ -234,6 +236,12 @@ class Simulator:
         lines = (
             coiling_warning(self.scene, self.cable),
             balance_warning(self.choice.method, tolerance, error),
+            obstacles.depth_warning(self.scene, float(account.contact_deep)),
+            *(obstacles.jump_warning(name, *jumps) for name, jumps in self._jumps.items()),
+            *(
+                obstacles.press_warning(name, found, self.scene)
+                for name, found in self.contacts.items()
+            ),
         )
         return (*self._needs.warnings, *filter(None, lines))
 
@@ -673,6 +681,7 @@ class Simulator:
         before = self.cable.present_energy()
         self.move_obstacle(name, motion)
         self.cable.place_obstacles(self.time)
+        self._give_way(name)
         self.cable.account.drive_work += self.cable.present_energy() - before
 
     def move_obstacle(self, name: str, motion: EndMotion) -> None:
@@ -755,6 +764,7 @@ class Simulator:
             if any(obstacle.pushes_along(axis, float(place[axis])) for obstacle in added):
                 needs = needs.spatial(scene)
         self._activate(needs, self._geometries)
+        self._give_way()
         self.cable.account.drive_work += self.cable.present_energy() - before
 
     @property
@@ -774,6 +784,15 @@ class Simulator:
         tension = None if self.scene.without_tension else self.tension
         body, pose = self.scene.bodies[number], self.end_pose(name)
         return obstacles.contact_with(self.cable, number, body, pose, tension)
+
+    def _give_way(self, *names: str) -> None:
+        """Let obstacles yield that are inside the cable; count those that jumped."""
+        for number, obstacle in enumerate(self.scene.bodies if "contact" in self._needs else ()):
+            if not names or obstacle.name in names:
+                depth = self.cable.give_way(number)
+                if depth > 0.5 * self.scene.cable.diameter:
+                    count, most = self._jumps.get(obstacle.name, (0, 0.0))
+                    self._jumps[obstacle.name] = count + 1, max(most, depth)
 
     def surface(self, name: str) -> Array:
         """Triangles [m] that show an obstacle that is a mesh, ring or channel, in its frame, shape
@@ -1055,6 +1074,7 @@ class Simulator:
         if self._natural.follows:
             self._lay_natural_shape()
         shifted = np.abs(self.cable.points - given).max()
+        self._give_way()
         self.cable.open_account(self.scene)
         if not math.isfinite(self.cable.account.energy_start):
             self.restore(before)
@@ -1161,6 +1181,7 @@ class Simulator:
         self.cable.flow()
         for grasp in taking:
             self.take(grasp)
+        self._give_way()
         self.cable.open_account(self.scene)
         self._initial = self.snapshot()
 

@@ -34,7 +34,14 @@ ENTRIES = (0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)  # of `bend` in `contac
 LYING = [0.0, 0.6, 0.0, 0.8]  # its z axis is almost along x
 
 
-@piece((float64, float64, float64, boolean), int64, ARRAY_2D, ARRAY_2D, ARRAY_2D, terms=CONTACT)
+@piece(
+    (float64, float64, float64, boolean, float64),
+    int64,
+    ARRAY_2D,
+    ARRAY_2D,
+    ARRAY_2D,
+    terms=CONTACT,
+)
 def step_force(address, x0, x1, out):
     cable = cable_at(address)
     contact.begin(cable, 0.0, TAU, 1.0, grid(x0))
@@ -101,7 +108,7 @@ def test_a_step_accounts_for_its_energy(shape, friction):
     step = Step(shape, friction)
     step.put(step.first)
     before = step.cable.potentials()[-1]
-    force, (worked, kept, lost, _) = step.force(step.second)
+    force, (worked, kept, lost, *_) = step.force(step.second)
     assert np.abs(force).max() > 0.1
     assert lost > 0.0
     gain = step.energy(step.second) - before

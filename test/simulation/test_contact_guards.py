@@ -1,0 +1,154 @@
+"""Obstacles that jump, steps that would jump over them, and cables with no room."""
+
+import numpy as np
+import pytest
+from cables import simulator
+
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.simulation.report import Status
+
+RADIUS = 0.003
+LYING = {
+    "cable.length": 0.3,
+    "cable.diameter": 2.0 * RADIUS,
+    "cable.density": 1200.0,
+    "cable.youngs_modulus": 2e6,
+    "start.fixed": [False] * 3,
+    "start.position": [-0.15, 0.0, RADIUS],
+    "end.position": [0.15, 0.0, RADIUS],
+    "terms.twist": "off",
+    "terms.out_of_plane": "on",
+    "integrator.tolerance": 1e-11,
+    "discretization.control_points": 13,
+    "obstacles.names": ["table", "body"],
+    "obstacles.body.shape": "box",
+    "obstacles.body.size": [0.1, 0.1, 0.2],
+    "obstacles.body.position": [0.0, 0.0, 1.0],
+}
+
+
+def lying(*values, method="energy_momentum", step=2e-3):
+    return simulator(LYING, *values, method=method, step=step)
+
+
+def fastest(sim):
+    return np.linalg.norm(sim.velocities[:, :3], axis=1).max()
+
+
+@pytest.mark.parametrize("method", ["energy_momentum", "velocity_verlet"])
+def test_an_obstacle_that_jumps_into_the_cable_pushes_it_out_slowly(method):
+    """40 mm deep, with an account that knows its work."""
+    sim = lying({"contact.friction": 0.2}, method=method, step=2e-3 * (method[0] == "e"))
+    sim.advance(0.1)
+    assert not sim.warnings
+    sim.set_obstacle("body", [0.0, -0.01, 0.0])
+    (line,) = sim.warnings
+    assert line.startswith("obstacles.body: jumped into the cable once, by 0.043 m at most; it")
+    most = 0.0
+    for _ in range(40):
+        assert sim.advance(0.01).status.ok
+        most = max(most, fastest(sim))
+    assert 0.1 < most < 2.0
+    assert sim.contact("body").clearance > -0.1 * RADIUS
+    assert 0.04 + 0.9 * RADIUS < sim.centerline([0.15])[0, 1] < 0.08
+    assert sim.energy_error < (1e-8 if method == "energy_momentum" else 0.05)
+
+
+def test_a_plane_that_jumps_lifts_the_cable():
+    alone = {key: value for key, value in LYING.items() if "body" not in key}
+    alone |= {"obstacles.names": ["table"]}
+    sim = simulator(alone, method="energy_momentum", step=2e-3)
+    sim.advance(0.1)
+    sim.set_obstacle("table", [0.0, 0.0, 0.05])
+    heights = []
+    for _ in range(60):
+        assert sim.advance(0.01).status.ok
+        heights.append(sim.centerline([0.15])[0, 2])
+    assert fastest(sim) < 0.05
+    assert np.diff(heights).max() < 0.3 * 0.01
+    assert heights[-1] == pytest.approx(0.05 + RADIUS, abs=1e-3)
+
+
+def test_a_snapshot_continues_while_an_obstacle_yields():
+    sim = lying()
+    sim.set_obstacle("body", [0.0, 0.0, 0.0])
+    sim.advance(0.05)
+    kept = sim.snapshot()
+    sim.advance(0.1)
+    ended = sim.control_points
+    sim.restore(kept)
+    sim.advance(0.1)
+    assert (sim.control_points == ended).all()
+
+
+def thrown(speed, method="velocity_verlet", step=0.0):
+    """A thin cable flies at a small box."""
+    sim = simulator(
+        LYING,
+        {
+            "cable.diameter": 1e-3,
+            "cable.youngs_modulus": 1e8,
+            "gravity": [0.0, 0.0, 0.0],
+            "obstacles.body.size": [5e-3, 5e-3, 1e-2],
+            "obstacles.body.position": [0.0, 0.0, -0.03],
+            "obstacles.body.friction": 0.3,
+            "obstacles.table.position": [0.0, 0.0, -1.0],
+        },
+        method=method,
+        step=step,
+    )
+    velocities = np.zeros((13, 4))
+    velocities[:, 2] = -speed
+    sim.start_from(sim.control_points, velocities)
+    return sim, sim.advance(0.06 / speed)
+
+
+def test_an_explicit_step_over_a_body_is_refused():
+    """Twenty times as fast as the stiffness and the step are made for, even smaller steps do not
+    help; at that speed all is well.
+    """
+    sim, report = thrown(20.0)
+    assert report.status.ok
+    assert not sim.warnings
+    assert sim.velocities[6, 2] > 0.0
+    sim, report = thrown(400.0)
+    assert report.status is Status.PASSED
+    assert "a smaller integrator.step or energy_momentum" in report.message
+    assert sim.contact("body").clearance > 0.0
+
+
+def test_a_cable_that_is_pressed_through_a_body_is_told():
+    sim, report = thrown(100.0)
+    assert report.status.ok
+    (line,) = sim.warnings
+    assert "pressed near the middle of one, and may have gone through it" in line
+    assert "raise contact.stiffness, or inputs.max_speed (20 m/s)" in line
+
+
+def test_a_squeezed_cable_stays_finite():
+    """Between the table and a plate that comes down to a third of its thickness, and goes on."""
+    plate = {"obstacles.body.size": [1.0, 1.0, 0.1], "contact.stiffness": 1e5}
+    sim = lying(plate, {"damping.mass": 1.0})
+    down = EndMotion.resting([0.0, 0.0, 0.05 + 2.5 * RADIUS])
+    sim.set_obstacle("body", down.position)
+    sim.move_obstacle("body", down.then(0.5, velocity=[0.0, 0.0, -3.7 * RADIUS]))
+    for _ in range(6):
+        assert sim.advance(0.1).status.ok
+    assert np.isfinite(sim.control_points).all()
+    lines = [line for line in sim.warnings if "more than half its diameter" not in line]
+    assert not lines
+    assert sim.contact("body").force[2] == pytest.approx(-sim.contact("table").force[2], rel=0.05)
+    assert -sim.contact("body").force[2] > 10.0
+    assert fastest(sim) < 0.01
+
+
+def test_a_cable_pinned_inside_a_body_stays_finite():
+    """Held at both ends, it cannot leave: it is pushed as far as they let it."""
+    held = {"start.fixed": [True] * 3, "end.fixed": [True] * 3, "damping.mass": 1.0}
+    sim = lying(held)
+    sim.set_obstacle("body", [0.0, -0.02, 0.0])
+    for _ in range(10):
+        report = sim.advance(0.05)
+        assert report.status.advanced, report.message
+    assert np.isfinite(sim.control_points).all()
+    assert "obstacles.body: jumped into the cable once" in sim.warnings[0]
