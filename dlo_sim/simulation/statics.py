@@ -87,6 +87,8 @@ DAMPED = 0.98  # of the movement by one of those, or the next ones turn half as 
 LEAST_SHARE = 0.03  # of the twist that the present shape asks for
 TWIST_NUDGE = 1e-3  # [rad]
 SETTLED = 1e-9  # movement by an alternation, relative to the length or 1 rad
+NEAR = 1e-2  # the same, from which the next search is a short one
+RETURNED = 1e-2  # of the movement by the first alternation after a nudge
 
 SHARE_OF_TIME = 0.01  # step of the dynamic relaxation, relative to `_time_scale`
 LONGEST = 1.0  # [s], time scale of a cable without weight or stiffness
@@ -339,12 +341,12 @@ class _FirstShape:
         of the last search that succeeded.
 
         A cable whose natural shape turns it about its own axis may be at the top of a ridge, which
-        is not seen in the stiffness at fixed twist: it is nudged once, and must come back or find
-        another shape.
+        is not seen in the stiffness at fixed twist: it is nudged once, and must come near the shape
+        before, which is then taken, or find another one.
         """
         cable = self._cable
-        last, found, share = np.inf, cable.state.copy(), 1.0
-        nudged = not cable.model.has(MATERIAL)
+        last, found, share, near = np.inf, cable.state.copy(), 1.0, False
+        nudged, at_rest, first = not cable.model.has(MATERIAL), None, 0.0
         for _ in range(MAX_ALTERNATIONS):
             before = cable.x.copy()
             if not relax_twist(cable):
@@ -353,16 +355,24 @@ class _FirstShape:
                 return True
             cable.x[-1] = before[-1] + share * (cable.x[-1] - before[-1])
             self._stop()
-            if not relax(cable, self._flow):
+            if not relax(cable, self._flow, near=near):
                 break
             moved = _relative_movement(cable, before) / share
+            near = moved < NEAR
             if moved < SETTLED and nudged:
                 return True
             if moved < SETTLED:
                 nudged, last, found = True, np.inf, cable.state.copy()
+                at_rest, rest = found, cable.x.copy()
                 _nudge_twist(cable)
                 self._stop()
                 continue
+            if at_rest is not None:  # nudged
+                first = first or moved
+                shrinking = moved < min(CONTRACTION * last, RETURNED * first)
+                if shrinking and _relative_movement(cable, rest) < first:
+                    cable.state[:] = at_rest
+                    return True
             if moved > (CONTRACTION if share == 1.0 else DAMPED) * last:
                 share *= 0.5
                 if share < LEAST_SHARE:
@@ -550,18 +560,24 @@ def _cause(scene: Scene, cable: Cable) -> str:
 
 
 def relax(
-    cable: Cable, after_step: Callable[[], None] | None = None, rest: float = TOLERANCE
+    cable: Cable,
+    after_step: Callable[[], None] | None = None,
+    rest: float = TOLERANCE,
+    near: bool = False,
 ) -> bool:
     """Move a cable to a nearby stable equilibrium at rest; true if it was reached.
 
     Damping plays no part, and sine loads are at their value at time zero. The twist stays as
     it is: `relax_twist` solves for it. `after_step` may change the natural and plastic curvature
     after each step of the search, which then converges linearly.
-    `rest` is the movement of a step [of the length] that counts as rest.
+    `rest` is the movement of a step [of the length] that counts as rest; `near` says that the cable
+    is almost there, so that the first steps may be long.
     """
     search = _Search(cable)
     cable.w[:] = 0.0
     pseudo = search.first_step()
+    if near:
+        pseudo = search.patient
     least, stuck, ceiling, smooth, rests, nudged = np.inf, 0, np.inf, 0, False, False
     progress = SLOW if after_step else FAST
     for _ in range(MAX_STEPS):
