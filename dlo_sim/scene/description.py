@@ -14,6 +14,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Any
 
 from dlo_sim.scene.parameter import (
@@ -293,6 +294,7 @@ class Contact:
 
 
 SHAPES = ("plane", "box", "sphere", "cylinder", "capsule", "ring", "channel", "mesh")
+IN_MEMORY = "triangles:"  # begin of the name of a mesh that is no file
 
 
 @dataclass(frozen=True)
@@ -363,6 +365,15 @@ class Obstacle:
             (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
             (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
         )
+
+    @property
+    def mesh_url(self) -> str:
+        """Where other programs find the file of its mesh; empty for triangles in memory."""
+        if self.mesh.startswith(IN_MEMORY):
+            return ""
+        if "://" in self.mesh:
+            return self.mesh
+        return Path(self.mesh).expanduser().absolute().as_uri()
 
     def pushes_along(self, axis: int, place: float) -> bool:
         """Whether it can push a cable out of the plane normal to a world axis, at this place on it:

@@ -437,7 +437,7 @@ _STAMP_NS = 0x5AC3_96E1 * _NANO + 0x2B4D_7E81
 _NUMBER, _SHADE = -1.2345678912345678e-251, float(np.float32(-7.654321e-31))
 
 LINE_STRIP, LINE_LIST = 4, 5
-CUBE, SPHERE, CYLINDER, TRIANGLE_LIST = 1, 2, 3, 11
+CUBE, SPHERE, CYLINDER, MESH_RESOURCE, TRIANGLE_LIST = 1, 2, 3, 10, 11
 ADD, DELETE, DELETE_ALL = 0, 2, 3  # actions of a Marker
 _NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # viewers complain about a zero quaternion
 
@@ -587,13 +587,15 @@ class CapsuleEncoder:
 
 class Body(NamedTuple):
     """A marker of one shape: CUBE, SPHERE or CYLINDER, its pose (7), and its extents [m] (3); or a
-    TRIANGLE_LIST of points [m], shape (3 k, 3), in the frame of the pose, times the extents.
+    TRIANGLE_LIST of points [m], shape (3 k, 3), in the frame of the pose, times the extents, or the
+    same from a file, as the URL of a MESH_RESOURCE.
     """
 
     kind: int
     pose: Sequence[float]
     extents: Sequence[float]
     points: Array = np.zeros((0, 3))
+    resource: str = ""
 
 
 def encode_contacts(
@@ -618,6 +620,7 @@ def encode_contacts(
         marker = _marker(frame_id, "contacts", number, body.kind, colors[0], lifetime_ns)
         marker.pose, marker.scale = _pose(body.pose), _vector(body.extents)
         marker.points = [_vector(point, "Point") for point in body.points.tolist()]
+        marker.mesh_resource = body.resource
         markers.append(marker)
     for marker in markers:
         marker.header = _new_header(frame_id, stamp_ns)

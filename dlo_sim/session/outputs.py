@@ -192,7 +192,11 @@ class Outputs:
         scene, bodies, lines = self._scene, [], [np.zeros((0, 3))]
         for obstacle in simulator.scene.bodies:
             pose = simulator.end_pose(obstacle.name)
-            if obstacle.shape in ("ring", "channel", "mesh"):
+            if obstacle.shape == "mesh" and obstacle.mesh_url:
+                where, size = [*pose[0], *pose[1]], (obstacle.mesh_scale,) * 3
+                url = obstacle.mesh_url
+                bodies.append(cdr.Body(cdr.MESH_RESOURCE, where, size, resource=url))
+            elif obstacle.shape in ("ring", "channel", "mesh"):
                 points = simulator.surface(obstacle.name).reshape(-1, 3)
                 bodies.append(cdr.Body(cdr.TRIANGLE_LIST, [*pose[0], *pose[1]], (1.0,) * 3, points))
             else:

@@ -11,18 +11,18 @@ import os
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.engine import distance_field
-from dlo_sim.scene.description import Obstacle
+from dlo_sim.scene.description import IN_MEMORY, Obstacle
 from dlo_sim.scene.loading import SceneError
 
 Array = NDArray[np.float64]
 _HEADER = 84  # bytes of a binary STL before its triangles
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-IN_MEMORY = "triangles:"  # begin of the name of a mesh that is no file
 MOST_TRIANGLES = 1_000_000
 SAME = 1e-6  # share of the extent below which two corners are one
 BORDER = 4  # cells of the grid around a mesh, beside the radius of the cable
@@ -96,6 +96,16 @@ def field_of(obstacle: Obstacle, radius: float) -> Field:
     """The field of a mesh that a cable of this radius [m] touches.
 
     Raises:
+        SceneError: as `triangles_of`.
+    """
+    triangles = triangles_of(obstacle)
+    return _made(triangles.tobytes(), obstacle.mesh_cells, radius)
+
+
+def triangles_of(obstacle: Obstacle) -> Array:
+    """The triangles of a mesh in its frame [m], shape (k, 3, 3).
+
+    Raises:
         SceneError: no file, not STL, or not a closed mesh.
     """
     key = f"obstacles.{obstacle.name}.mesh"
@@ -109,7 +119,7 @@ def field_of(obstacle: Obstacle, radius: float) -> Field:
         ) from None
     except ValueError as error:
         raise SceneError(f"{key}: {obstacle.mesh}: {error}") from None
-    return _made(triangles.tobytes(), obstacle.mesh_scale, obstacle.mesh_cells, radius)
+    return triangles * obstacle.mesh_scale
 
 
 def _read(name: str) -> Array:
@@ -132,7 +142,11 @@ def _file(path: Path, changed: int, size: int) -> Array:
 
 
 def found_path(name: str) -> Path:
-    """A file, also as package://PACKAGE/PATH in the installed packages of AMENT_PREFIX_PATH."""
+    """A file, also as file://PATH, or as package://PACKAGE/PATH in the packages that are installed
+    in AMENT_PREFIX_PATH.
+    """
+    if name.startswith("file://"):
+        return Path(unquote(urlsplit(name).path))
     if not name.startswith("package://"):
         return Path(name).expanduser()
     package, _, inside = name.removeprefix("package://").partition("/")
@@ -191,9 +205,9 @@ def problem_of(triangles: Array) -> str:
 
 
 @lru_cache(maxsize=16)
-def _made(triangles: bytes, scale: float, cells: int, radius: float) -> Field:
+def _made(triangles: bytes, cells: int, radius: float) -> Field:
     """The field of triangles, with this number of cells along the longest side."""
-    corners = np.frombuffer(triangles).reshape(-1, 3, 3) * scale
+    corners = np.frombuffer(triangles).reshape(-1, 3, 3).copy()
     points = corners.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     size = float((high - low).max()) / cells
@@ -202,5 +216,5 @@ def _made(triangles: bytes, scale: float, cells: int, radius: float) -> Field:
     origin = 0.5 * (low + high) - 0.5 * size * (shape - 1)
     numbers = np.concatenate([origin, [1.0 / size], low, high])
     values, *spare = (np.zeros(shape) for _ in range(3))
-    distance_field.make_field(np.ascontiguousarray(corners.reshape(-1, 9)), numbers, values, *spare)
+    distance_field.make_field(corners.reshape(-1, 9), numbers, values, *spare)
     return Field(corners, values, numbers)

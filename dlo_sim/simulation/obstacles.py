@@ -21,7 +21,7 @@ from dlo_sim.scene.needs import inextensible
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.arrays import COARSE, to_blocks
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.meshes import field_of
+from dlo_sim.simulation.meshes import field_of, triangles_of
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ def core_of(obstacle: Obstacle, radius: float) -> Core:
         length = z - y if obstacle.shape == "channel" else 0.0
         return Core(contact.TUBE, (x + y, 0.0, length), y + radius)
     if obstacle.shape == "mesh":
-        a, b, c = np.abs(field_of(obstacle, radius).triangles).max(axis=(0, 1)).tolist()
+        a, b, c = np.abs(triangles_of(obstacle)).max(axis=(0, 1)).tolist()
         return Core(contact.MESH, (a, b, c), radius)
     length = max(z - x, 0.0) if obstacle.shape == "capsule" else 0.0
     return Core(contact.BOX, (0.0, 0.0, length), x + radius)
@@ -81,7 +81,7 @@ def surface(obstacle: Obstacle, plate: float = 0.0) -> Array:
     from outside, of a mesh as in its file. Of a plane a square with sides `plate` [m].
     """
     if obstacle.shape == "mesh":
-        return field_of(obstacle, 0.0).triangles
+        return triangles_of(obstacle)
     if obstacle.shape in ("box", "plane"):
         corners = np.array(list(np.ndindex(2, 2, 2))) - 0.5
         faces = np.array(

@@ -14,7 +14,7 @@ from dlo_sim.core.npz import NpzRefused, read_npz
 from dlo_sim.core.strain import strain
 from dlo_sim.replay.bags import Bag, BagError
 from dlo_sim.scene.description import Obstacle, Scene
-from dlo_sim.scene.refusal import printable
+from dlo_sim.scene.refusal import SceneError, printable
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import KNOTS
 from dlo_sim.session.topics import CONTACTS, CONTROL_POINTS, DIAGNOSTICS, REACTION, resolved
@@ -394,10 +394,11 @@ def _surroundings(stamps: NDArray[np.int64], shown: dict[int, Any]) -> dict[str,
         points = [(p.x, p.y, p.z) for m in lines for p in m.points]
         forces.append(np.reshape(points, (-1, 2, 3)).astype(float))
         for m in shown[stamp]:
-            if m.type in _SHAPES or m.type == cdr.TRIANGLE_LIST:
+            if m.type in (*_SHAPES, cdr.TRIANGLE_LIST, cdr.MESH_RESOURCE):
                 p, q, s = m.pose.position, m.pose.orientation, m.scale
                 corners = tuple((c.x, c.y, c.z) for c in m.points)
-                there = poses.setdefault((m.id, m.type, (s.x, s.y, s.z), corners), {})
+                shown_as = corners or m.mesh_resource
+                there = poses.setdefault((m.id, m.type, (s.x, s.y, s.z), shown_as), {})
                 there[look] = (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
     bodies = []
     for (_, kind, size, corners), there in poses.items():
@@ -405,6 +406,12 @@ def _surroundings(stamps: NDArray[np.int64], shown: dict[int, Any]) -> dict[str,
         rows[list(there)] = list(there.values())
         if kind == cdr.TRIANGLE_LIST:
             triangles = np.reshape(corners, (-1, 3, 3)).astype(float)
+        elif kind == cdr.MESH_RESOURCE:
+            mesh = Obstacle("", "mesh", mesh=corners, mesh_scale=size[0])
+            try:
+                triangles = surface(mesh)
+            except SceneError:  # its file is not here
+                continue
         else:
             triangles = surface(Obstacle("", _SHAPES[kind], size))
         bodies.append(Body(triangles, rows[looks]))

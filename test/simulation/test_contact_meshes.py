@@ -10,6 +10,8 @@ from cables import simulator
 from dlo_sim.core import rotations
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.scene.loading import SceneError, load_scene
+from dlo_sim.session import cdr
+from dlo_sim.session.outputs import Outputs
 from dlo_sim.simulation import meshes
 from dlo_sim.studies import contact
 
@@ -171,3 +173,15 @@ def test_a_mesh_is_added_and_removed_while_the_cable_runs():
     sim.remove_obstacles(["table"])
     sim.advance(0.1)
     assert sim.centerline([0.1])[0, 2] < -0.02
+
+
+def test_the_marker_of_a_mesh_names_its_file(tmp_path):
+    """A reader of the bag finds the same triangles there."""
+    path = tmp_path / "a body.stl"
+    path.write_bytes(solids.binary_stl(solids.box(0.3, 0.1, 0.1)))
+    mesh = {"obstacles.body.mesh": str(path), "obstacles.body.position": [0.0, 0.0, -0.06]}
+    sim = simulator(LYING, mesh, method="energy_momentum", step=5e-3)
+    (message,) = Outputs(sim.scene, 9).messages(sim, 0, ["~/contacts"])
+    body = cdr.read(cdr.MARKER_ARRAY, message.data).markers[1]
+    assert (body.type, body.pose.position.z) == (cdr.MESH_RESOURCE, -0.06)
+    assert meshes.found_path(body.mesh_resource) == path
