@@ -93,7 +93,7 @@ class Stamped(NamedTuple):
 
 class Marker(NamedTuple):
     """What describes an obstacle in a visualization_msgs/Marker: frame, namespace/id, type, action,
-    position [m] and quaternion x, y, z, w, scale [m], lifetime [ns].
+    position [m] and quaternion x, y, z, w, scale [m], lifetime [ns], and the points of triangles.
     """
 
     frame_id: str
@@ -103,6 +103,7 @@ class Marker(NamedTuple):
     pose: tuple[float, ...]
     scale: tuple[float, ...]
     lifetime_ns: int
+    points: tuple[tuple[float, ...], ...] = ()
 
 
 class Table(NamedTuple):
@@ -196,7 +197,8 @@ def _decode_markers(raw: Bytes, most: int) -> Stamped:
         pose = *_vector_of(m.pose.position), *_quaternion_of(m.pose.orientation)
         lifetime_ns = m.lifetime.sec * _NANO + m.lifetime.nanosec
         name, scale = f"{m.ns}/{m.id}", _vector_of(m.scale)
-        marker = Marker(frame_id, name, m.type, m.action, pose, scale, max(lifetime_ns, 0))
+        points = tuple(map(_vector_of, m.points)) if m.type == TRIANGLE_LIST else ()
+        marker = Marker(frame_id, name, m.type, m.action, pose, scale, max(lifetime_ns, 0), points)
         found.append((stamp_ns, marker))
     if not found:
         raise DecodeError("the array holds no markers")

@@ -41,7 +41,8 @@ REASONS: dict[str, str] = {
     "too_fast": "a pose that would need more than inputs.max_speed",
     "too_many": "more points than are used (5,000 measured, 20,000 of a plan), a plan while a "
     "hundred wait, or more than 2 contact.markers + 1 markers or 1 MB of them in a message",
-    "bad_marker": "a marker that is no obstacle: an ellipsoid, without size, of another type",
+    "bad_marker": "a marker that is no obstacle: an ellipsoid, an open mesh, without size, of "
+    "another type",
     "bad_plan": "a plan whose joints, times or poses the end effectors cannot follow from here",
 }
 """The reasons for which messages are refused."""

@@ -1,9 +1,10 @@
 """Obstacles from markers on ~/obstacles.
 
 A marker is one obstacle, named by its namespace and id: CUBE a box, SPHERE a sphere, CYLINDER a
-cylinder about z; `scale` is its size. ADD, which is MODIFY too, adds it, or moves it if it is there
-with this shape and size; DELETE and DELETEALL remove it, and so does the end of a `lifetime` that
-is not renewed. A message takes effect at the stamp of its first marker.
+cylinder about z, whose size is `scale`; TRIANGLE_LIST a closed mesh, times `scale`. ADD, which is
+MODIFY too, adds it, or moves it if it is there with this shape; DELETE and DELETEALL remove it, and
+so does the end of a `lifetime` that is not renewed. A message takes effect at the stamp of its
+first marker.
 
 A pose that differs from the one before is reached at a constant velocity, in the time between the
 two messages but at most `LONGEST`: the obstacle is late by as much, and carries along what lies on
@@ -14,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -32,7 +34,10 @@ if TYPE_CHECKING:
 
 LONGEST = 0.2  # [s] for the way to a new pose
 ROUND = 1e-3  # share by which the diameters of a sphere or cylinder may differ
+MOST_TRIANGLES = 1000
+_CELLS = 32  # of the field of a mesh, along its longest side
 _SHAPES = {cdr.CUBE: "box", cdr.SPHERE: "sphere", cdr.CYLINDER: "cylinder"}
+_SHAPES[cdr.TRIANGLE_LIST] = "mesh"
 _LARGEST, _LONGEST_NAME = 1e6, 255  # [m], characters
 _MOST_WAITING = 1000  # messages
 
@@ -71,7 +76,8 @@ def change_of(marker: cdr.Marker) -> Change:
     x, y, z = marker.scale
     shape = _SHAPES.get(marker.kind)
     if shape is None:
-        raise _bad(f"type {marker.kind} is no obstacle; give CUBE (1), SPHERE (2) or CYLINDER (3)")
+        known = "CUBE (1), SPHERE (2), CYLINDER (3) or TRIANGLE_LIST (11)"
+        raise _bad(f"type {marker.kind} is no obstacle; give {known}")
     if not 0.0 < min(x, y, z) <= max(x, y, z) <= _LARGEST:
         raise _bad(f"scale {cdr.shown(marker.scale)}; give lengths above 0 m, up to {_LARGEST:g} m")
     alike = {"sphere": (x, y, z), "cylinder": (x, y)}.get(shape, (x,))
@@ -79,8 +85,27 @@ def change_of(marker: cdr.Marker) -> Change:
         raise _bad(f"scale {cdr.shown(marker.scale)} of a {shape} that is not round; give it round")
     px, py, pz, qx, qy, qz, qw = marker.pose
     turn = normalized((qx, qy, qz, qw))
-    obstacle = Obstacle(marker.name, shape, (x, y, z), (px, py, pz), turn)
+    mesh, size = "", (x, y, z)
+    if shape == "mesh":
+        mesh, size = _mesh_of(marker)
+    obstacle = Obstacle(marker.name, shape, size, (px, py, pz), turn, mesh=mesh, mesh_cells=_CELLS)
     return Change(marker.name, obstacle, marker.lifetime_ns)
+
+
+def _mesh_of(marker: cdr.Marker) -> tuple[str, Vector]:
+    """The triangles of a marker as `Obstacle.mesh`, and their extents [m]."""
+    from dlo_sim.simulation.meshes import as_text  # imports the compiler
+
+    count = len(marker.points)
+    if count % 3 or not 4 <= count // 3 <= MOST_TRIANGLES:
+        raise _bad(f"{count} points; give three for each of 4 to {MOST_TRIANGLES} triangles")
+    points = np.array(marker.points) * marker.scale
+    try:
+        mesh = as_text(points.reshape(-1, 3, 3))
+    except ValueError as problem:
+        raise _bad(str(problem)) from None
+    x, y, z = np.ptp(points, axis=0).tolist()
+    return mesh, (x, y, z)
 
 
 def _bad(detail: str) -> Refused:
@@ -97,11 +122,14 @@ class Surroundings(Waiting[Markers]):
 
     def __init__(self, scene: Scene, journal: Journal) -> None:
         self._note = journal.event
+        self._maker: ThreadPoolExecutor | None = None
+        self._making: list[Future[object]] = []
         super().__init__(_MOST_WAITING)
         self.configure(scene)
 
     def configure(self, scene: Scene) -> None:
         """Use the limits of this scene."""
+        self._radius = 0.5 * scene.cable.diameter
         self._most, self._max_speed = scene.contact.markers, scene.inputs.max_speed
 
     def clear(self) -> None:
@@ -115,7 +143,18 @@ class Surroundings(Waiting[Markers]):
         """Take an accepted message, as `Waiting.add`; a full queue loses its oldest."""
         if len(self._pending) == self._pending.maxlen:
             self._note("full", f"more than {_MOST_WAITING} messages of markers wait")
+        for _, obstacle, _ in message.changes:
+            if obstacle is not None and obstacle.shape == "mesh":
+                self._prepare(obstacle)
         super().add(message)
+
+    def _prepare(self, obstacle: Obstacle) -> None:
+        """Make the field of a mesh in another thread while the message waits; it takes 50 ms."""
+        from dlo_sim.simulation.meshes import field_of  # imports the compiler
+
+        if self._maker is None:
+            self._maker = ThreadPoolExecutor(1, "meshes")
+        self._making.append(self._maker.submit(field_of, obstacle, self._radius))
 
     def shift_time(self, delta_ns: int) -> None:
         """Shift all stamps by delta [ns]."""
@@ -137,6 +176,8 @@ class Surroundings(Waiting[Markers]):
         change = self.next_change_ns()
         if change is None or change > now_ns:
             return
+        while self._making:  # so that what takes effect depends on stamps alone
+            self._making.pop().result()
         before = {one.name: one for one in simulator.scene.added}
         there = dict(before)
         moving: dict[str, tuple[Obstacle, int]] = {}
@@ -175,7 +216,7 @@ class Surroundings(Waiting[Markers]):
     ) -> None:
         """Note that a marker has an obstacle: a new one, or one at another place."""
         name, present = obstacle.name, there.get(obstacle.name)
-        if present is None or (present.shape, present.size) != (obstacle.shape, obstacle.size):
+        if present is None or _body(present) != _body(obstacle):
             there[name] = obstacle
             moving.pop(name, None)
         else:
@@ -237,6 +278,10 @@ class Surroundings(Waiting[Markers]):
         begin = simulator.time
         motion = EndMotion.from_coefficients(begin, duration, path, np.array(first), turns)
         driven.set_motion(name, motion)
+
+
+def _body(obstacle: Obstacle) -> tuple[str, Vector, str]:
+    return obstacle.shape, obstacle.size, obstacle.mesh
 
 
 def _pose(obstacle: Obstacle) -> tuple[Vector, Quaternion]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from copy import deepcopy
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,18 +10,17 @@ from numpy.typing import NDArray
 from dlo_sim.core import rotations
 from dlo_sim.engine.arrays import CONTACT
 from dlo_sim.engine.grasps import DURATION
+from dlo_sim.scene.description import Scene
 from dlo_sim.simulation import obstacles
+from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.recorder import Recorder
-
-if TYPE_CHECKING:
-    from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
 MOST_LOOKS = 100  # samples of a run whose contacts are computed
 PLATE = 1.4  # side of what is shown of a plane, in diagonals of the box that the run needs
 
 
-def drawn_obstacles(simulator: Simulator, recorder: Recorder) -> dict[str, Array]:
+def drawn_obstacles(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str, Array]:
     """Obstacles along the samples of a run in which they went on as they do now; empty without.
 
     Returns:
@@ -36,16 +34,16 @@ def drawn_obstacles(simulator: Simulator, recorder: Recorder) -> dict[str, Array
         contact_forces on the cable [N], shape (c, 3), at the samples contact_samples, shape (c,).
         The forces are those of the pressure, without friction, which a shape does not tell.
     """
-    bodies = simulator.scene.bodies
-    if not (bodies and recorder.count and simulator.model.has(CONTACT)):
+    bodies = scene.bodies
+    if not (bodies and recorder.count and cable.model.has(CONTACT)):
         return {}
     times = recorder.times[: recorder.count]
     points = recorder.control_points[:, :, :3].reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
-    origin = simulator.model.origin
+    origin = cable.model.origin
     poses = np.empty((len(times), len(bodies), 7))
     surfaces, numbers = [], []
-    for k, (body, row) in enumerate(zip(bodies, simulator.cable.obstacles, strict=True)):
+    for k, (body, row) in enumerate(zip(bodies, cable.obstacles, strict=True)):
         moving = times if row[DURATION] else times[:1]
         poses[:, k] = [np.concatenate(obstacles.pose_at(row, t, origin)) for t in moving]
         surface = obstacles.surface(body, PLATE * float(np.linalg.norm(high - low)))
@@ -59,21 +57,26 @@ def drawn_obstacles(simulator: Simulator, recorder: Recorder) -> dict[str, Array
         "obstacle_triangles": np.concatenate(surfaces),
         "obstacle_of": np.concatenate(numbers),
         "obstacle_poses": poses,
-        **_contacts(simulator, recorder),
+        **_contacts(scene, cable, recorder),
     }
 
 
-def _contacts(simulator: Simulator, recorder: Recorder) -> dict[str, Array]:
+def _contacts(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str, Array]:
     """The part of `drawn_obstacles` that has to do with contact."""
-    twin, count = deepcopy(simulator), recorder.count
+    twin, count = deepcopy(cable), recorder.count
     points, forces, samples = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)]
     looks = np.unique(np.linspace(0, count - 1, min(count, MOST_LOOKS)).round().astype(int))
     gaps, sizes = [], []
     for sample in looks:
-        twin.cable.x[:] = recorder.lines[sample]
-        twin.cable.arrays.state.bristle[:] = 0.0
-        twin.cable.place_obstacles(recorder.times[sample])
-        found = twin.contacts.values()
+        time = recorder.times[sample]
+        twin.x[:] = recorder.lines[sample]
+        twin.arrays.state.bristle[:] = 0.0
+        twin.place_obstacles(time)
+        poses = (obstacles.pose_at(row, time, cable.model.origin) for row in cable.obstacles)
+        found = [
+            obstacles.contact_with(twin, k, body, pose, None)
+            for k, (body, pose) in enumerate(zip(scene.bodies, poses, strict=True))
+        ]
         gaps.append(min(contact.clearance for contact in found))
         sizes.append([float(np.linalg.norm(contact.force)) for contact in found])
         for contact in found:

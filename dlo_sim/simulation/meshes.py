@@ -6,6 +6,7 @@ offer for collision shapes, and a library would be one more thing to install for
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import os
 from functools import lru_cache
@@ -23,6 +24,7 @@ from dlo_sim.scene.loading import SceneError
 Array = NDArray[np.float64]
 _HEADER = 84  # bytes of a binary STL before its triangles
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+IN_TEXT = "base64:"  # begin of a text that is the mesh itself
 MOST_TRIANGLES = 1_000_000
 SAME = 1e-6  # share of the extent below which two corners are one
 BORDER = 4  # cells of the grid around a mesh, beside the radius of the cable
@@ -34,23 +36,14 @@ class Field(NamedTuple):
 
     Attributes:
         triangles: [m], shape (k, 3, 3). values: at the grid points [m], shape (nx, ny, nz).
-        numbers: `distance_field.ORIGIN` to HIGH.
+        numbers: `distance_field.ORIGIN` to HIGH. coefficients: of the tricubic B-spline through the
+            values, which ends linearly, of their shape.
     """
 
     triangles: Array
     values: Array
     numbers: Array
-
-    @property
-    def coefficients(self) -> Array:
-        """Of the tricubic B-spline through the values, which ends linearly."""
-        c = self.values
-        for axis, n in enumerate(c.shape):
-            through = np.diag(np.full(n, 2.0 / 3.0))
-            through += (np.eye(n, k=1) + np.eye(n, k=-1)) / 6.0
-            through[[0, -1]] = np.eye(n)[[0, -1]]
-            c = np.moveaxis(np.tensordot(np.linalg.inv(through), c, (1, axis)), 0, axis)
-        return np.ascontiguousarray(c)
+    coefficients: Array
 
     def distance(self, points: Array) -> Array:
         """Signed distances [m] of points (..., 3): between grid points linear, outside of the grid
@@ -81,15 +74,32 @@ def keep_triangles(triangles: Array) -> str:
     Raises:
         ValueError: not triangles, or not closed, in one line.
     """
-    given = np.asarray(triangles, dtype=float)
+    given = _checked(triangles)
+    name = IN_MEMORY + hashlib.sha256(given.tobytes()).hexdigest()[:16]
+    _kept[name] = given
+    return name
+
+
+def as_text(triangles: Array) -> str:
+    """A mesh as the value of `Obstacle.mesh`, in any process; too long for a file of a scene.
+
+    Args:
+        triangles: as of `keep_triangles`.
+
+    Raises:
+        ValueError: as `keep_triangles`.
+    """
+    return IN_TEXT + base64.b64encode(_checked(triangles).tobytes()).decode("ascii")
+
+
+def _checked(triangles: Array) -> Array:
+    given = np.ascontiguousarray(triangles, dtype=float)
     if given.ndim != 3 or given.shape[1:] != (3, 3):
         raise ValueError(f"triangles: need shape (k, 3, 3), got {given.shape}")
     problem = problem_of(given)
     if problem:
         raise ValueError(f"triangles: {problem}")
-    name = IN_MEMORY + hashlib.sha256(np.ascontiguousarray(given).tobytes()).hexdigest()[:16]
-    _kept[name] = given
-    return name
+    return given
 
 
 def field_of(obstacle: Obstacle, radius: float) -> Field:
@@ -124,6 +134,8 @@ def triangles_of(obstacle: Obstacle) -> Array:
 
 def _read(name: str) -> Array:
     """Triangles of a mesh file."""
+    if name.startswith(IN_TEXT):
+        return np.frombuffer(base64.b64decode(name.removeprefix(IN_TEXT))).reshape(-1, 3, 3)
     if name.startswith(IN_MEMORY):
         raise ValueError("these triangles are of another process; give them here again, or a file")
     path = found_path(name)
@@ -217,4 +229,15 @@ def _made(triangles: bytes, cells: int, radius: float) -> Field:
     numbers = np.concatenate([origin, [1.0 / size], low, high])
     values, *spare = (np.zeros(shape) for _ in range(3))
     distance_field.make_field(corners.reshape(-1, 9), numbers, values, *spare)
-    return Field(corners, values, numbers)
+    return Field(corners, values, numbers, _coefficients(values))
+
+
+def _coefficients(values: Array) -> Array:
+    """Of the tricubic B-spline through values, which ends linearly."""
+    c = values
+    for axis, n in enumerate(c.shape):
+        through = np.diag(np.full(n, 2.0 / 3.0))
+        through += (np.eye(n, k=1) + np.eye(n, k=-1)) / 6.0
+        through[[0, -1]] = np.eye(n)[[0, -1]]
+        c = np.moveaxis(np.tensordot(np.linalg.inv(through), c, (1, axis)), 0, axis)
+    return np.ascontiguousarray(c)

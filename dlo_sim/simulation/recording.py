@@ -191,7 +191,7 @@ def record_simulator(
         active_terms=simulator.active_terms,
         left_out=simulator.left_out,
         notes=simulator.notes + counts.notes,
-        obstacles=drawn_obstacles(simulator, recorder),
+        obstacles=drawn_obstacles(simulator.scene, simulator.cable, recorder),
         contacts={
             name: {
                 "clearance": one.clearance,

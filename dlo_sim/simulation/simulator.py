@@ -66,6 +66,7 @@ from dlo_sim.simulation.geometry import (
     origin_of,
 )
 from dlo_sim.simulation.holding import holding_of
+from dlo_sim.simulation.meshes import as_text
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.natural_shape import NaturalShape
 from dlo_sim.simulation.reaction import reaction
@@ -559,7 +560,7 @@ class Simulator:
         at = np.minimum(now + samples, now + times[-1])
         report, recorder = future.record_along(now + times, poses, at)
         count, shapes = recorder.count, recorder.along(self.scene)
-        drawn = drawn_obstacles(future, recorder)
+        drawn = drawn_obstacles(future.scene, future.cable, recorder)
         return Forecast(samples[:count], recorder.control_points, *shapes, report, drawn)
 
     def _until_look(self, steps: int) -> int:
@@ -1261,10 +1262,14 @@ class Simulator:
             self._stepper.advance(0, 0)
             self.restore(self._initial)
         if self.scene.contact.markers and "contact" not in self._needs:
-            far = self._origin + 1e3 * self.scene.cable.length
-            self.surround((Obstacle("ahead", "sphere", position=tuple(far.tolist())),))
-            self._stepper.advance(0, 0)
-            self.contacts  # noqa: B018, as the diagnostics read them
+            x, y, z = (self._origin + 1e3 * self.scene.cable.length).tolist()
+            ball = Obstacle("ball", "sphere", position=(x, y, z))
+            mesh = as_text(obstacles.surface(Obstacle("box", "box")))
+            body = Obstacle("body", "mesh", position=(x, y, z), mesh=mesh, mesh_cells=8)
+            for ahead in ((ball,), (body,)):
+                self.surround(ahead)
+                self._stepper.advance(0, 0)
+                self.contacts  # noqa: B018, as the diagnostics read them
             self.restore(self._initial)
         for grasp in self.scene.grasps:
             try:

@@ -10,12 +10,14 @@ from marker_arrays import array, marker
 from session_bench import MS, SECOND, T0
 
 from dlo_sim.compiling.pieces import Piece
+from dlo_sim.scene.description import Obstacle
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import Refused
 from dlo_sim.session.intake import Transform
 from dlo_sim.session.saved_state import load_state, save_state
 from dlo_sim.session.session import Session
+from dlo_sim.simulation.obstacles import surface
 
 TOPIC = "/dlo_sim/obstacles"
 LYING = {
@@ -35,6 +37,10 @@ LYING = {
     "contact.markers": 3,
 }
 TOP = (0.0, 0.0, -0.03)  # centre of a plate below the cable, which falls while the latency passes
+
+
+# Of a plate of triangles [mm].
+CORNERS = 1e3 * surface(Obstacle("plate", "box", (0.8, 0.2, 0.02))).reshape(-1, 3)
 
 
 def plate(number=0, position=TOP, scale=(1.0, 1.0, 0.02), kind=cdr.CUBE, **changes):
@@ -97,6 +103,24 @@ def test_the_same_markers_give_the_same_bits_however_it_ticks():
     assert len(shared) > 30 and all(first[stamp] == second[stamp] for stamp in shared)
 
 
+@pytest.mark.parametrize("kept", [False, True])
+def test_a_mesh_holds_the_cable(tmp_path, kept):
+    """A plate of triangles in millimetres; also of a state that is read again."""
+    session = session_of()
+    mesh = plate(kind=cdr.TRIANGLE_LIST, scale=(1e-3,) * 3, points=CORNERS)
+    run(session, [(0.0, mesh), (0.3, mesh)], 0.7)
+    if kept:
+        save_state(tmp_path / "state", session.saved)
+        saved, _ = load_state(tmp_path / "state", session.scene)
+        session = Session(saved.scene, resume=saved)
+        run(session, [], 1.5, begin=1.0)
+    assert session.simulator.scene.added[0].shape == "mesh"
+    force = session.simulator.contact("cell/0").force
+    assert force[2] == pytest.approx(weight(session), rel=5e-2)
+    assert session.simulator.centerline([0.15])[0, 2] == pytest.approx(-0.017, abs=1e-3)
+    assert not session.journal.refused and set(session.journal.events) <= {"slow_newton", "resumed"}
+
+
 def test_the_error_estimate_knows_them():
     session = session_of(**{"accuracy.estimate": "on"})
     run(session, drawn(0.0, 0.8, 0.1), 0.8)
@@ -146,7 +170,12 @@ def test_they_live_as_long_as_they_say_and_go_all_at_once():
         ("bad_marker", "of a cylinder that is not round", {"kind": 3, "scale": (0.1, 0.2, 0.1)}),
         ("bad_marker", r"scale \[0, 1, 1\]; give lengths above 0 m", {"scale": (0.0, 1.0, 1.0)}),
         ("bad_marker", "type 9 is no obstacle; give CUBE", {"kind": 9}),
-        ("bad_marker", "type 11 is no obstacle", {"kind": cdr.TRIANGLE_LIST}),
+        ("bad_marker", "0 points; give three for each of 4 to 1000", {"kind": cdr.TRIANGLE_LIST}),
+        (
+            "bad_marker",
+            "is not closed",
+            {"kind": cdr.TRIANGLE_LIST, "points": np.tile(CORNERS[:3], (5, 1))},
+        ),
         ("bad_marker", "action 7; give ADD", {"action": 7}),
         ("bad_marker", "namespace of 302 letters", {"ns": "a" * 300}),
         ("not_finite", "nan", {"position": (0.0, math.nan, 0.0)}),
@@ -247,8 +276,9 @@ def test_no_tick_loads_code_when_the_first_one_comes(monkeypatch):
             patched.setattr(
                 Piece, "_load", lambda piece, terms: pytest.fail(f"{piece.name} {terms}")
             )
-            messages = [(0.1, plate()), (0.3, plate(position=(0.01, 0.0, -0.03)))]
-            run(session, [*messages, (0.5, plate(action=cdr.DELETE))], 0.7, begin=0.1)
+            mesh = plate(1, (0.0, 0.5, -0.03), (1e-3,) * 3, cdr.TRIANGLE_LIST, points=CORNERS)
+            messages = [(0.1, plate()), (0.2, mesh), (0.3, plate(position=(0.01, 0.0, -0.03)))]
+            run(session, [*messages, (0.5, plate(action=cdr.DELETE_ALL))], 0.7, begin=0.1)
             session.messages(["~/contacts"], ["~/contacts"])
             session.diagnostics(T0 + SECOND)
         assert not session.simulator.scene.bodies
