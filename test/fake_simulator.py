@@ -41,6 +41,8 @@ class Simulated(Protocol):
     @property
     def contacts(self) -> dict[str, Any]: ...
     @property
+    def clearance_to_itself(self) -> float: ...
+    @property
     def slides(self) -> dict[str, Any]: ...
     @property
     def warnings(self) -> tuple[str, ...]: ...
@@ -82,6 +84,7 @@ class FakeSimulator:
         self.active_terms: tuple[str, ...] = ("stretch",)
         self.left_out = {"twist": "fake"}
         self.contacts: dict[str, Any] = {}
+        self.clearance_to_itself = np.inf
         self.slides: dict[str, Any] = {}
         self.warnings: tuple[str, ...] = ()
         self.fail_at: int | None = None

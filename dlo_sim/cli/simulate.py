@@ -123,8 +123,8 @@ def _print_report(scene: str, output: Path | None, recording: "Recording") -> No
     }
     if recording.contacts:
         lines = [
-            f"{name}: {math.hypot(*one['force']):.3g} N, at most {one['pressure']:.3g} N/m, "
-            f"clearance {one['clearance']:.3g} m"
+            f"{name}: {math.hypot(*one['force']) or one['total']:.3g} N, "
+            f"at most {one['pressure']:.3g} N/m, clearance {one['clearance']:.3g} m"
             for name, one in recording.contacts.items()
         ]
         rows["contact"] = "\n".join(lines)

@@ -44,6 +44,7 @@ SPRUNG = 1 << 18  # springs may hold the cable
 MESHED = 1 << 24  # obstacles may be triangle meshes
 SLIDING = 1 << 25  # grasps may let the cable slide
 PRESSURE = 1 << 26  # in the bore of a hose
+SELF = 1 << 27  # the cable touches itself (`engine.self_contact`)
 
 # Of the terms that `scene.description.TERMS` and `scene.needs` know by a name.
 BITS = {
@@ -54,6 +55,7 @@ BITS = {
     "quasistatic": STATIC_TWIST,
     "plasticity": PLASTICITY,
     "contact": CONTACT,
+    "self_contact": SELF,
     "gravity": GRAVITY,
     "loads": LOADED,
     "damping": DAMPED,
@@ -199,6 +201,18 @@ class Contact(Group):
     least_margin = Number()  # of the broad phase [m]
 
 
+class Chain(Group):
+    """The cable as a chain of short segments that touch each other (`engine.self_contact`)."""
+
+    segments = Whole()  # of a span
+    basis = Lanes("chain_blocks", "corners", 4)  # basis functions at the corners of a span
+    arc = Reals("chain_spans")  # material coordinate where a span begins [m]
+    length = Reals("chain_spans")  # of a segment [m], 0 of void spans
+    law = Reals(5)  # `contact.STIFFNESS` to FRICTION
+    diameter = Number()  # [m]
+    apart = Number()  # along the cable, at which segments may touch [m]
+
+
 class Inputs(Group):
     """Set by the caller."""
 
@@ -259,6 +273,13 @@ class State(Group):
         "contact_carried",  # by how much obstacles move in this step [m]
         "contact_moved",  # cable and obstacles in the last explicit step [m]
         "contact_deep",  # samples and steps near the middle of an obstacle
+        "pairs",  # of segments that may touch in a step (`self_contact`)
+        "pairs_lost",  # for which there was no room in accepted steps
+        "crossed",  # steps in which the cable passed through itself
+        "near_spans",  # pairs of spans in `near_pair`
+        "near_margin",  # by which control points may move until these are found anew [m]
+        "near_way",  # by how much they moved since, relative to each other [m]
+        "near_turn",  # by how much edges between them changed since, in their lengths
         "slip",  # share of the plastic flow of a step that its forces contain
     )
     natural = Lanes("curved_blocks", "samples", 4)  # weight EI kappa0 (3), rest twist [rad/m]
@@ -268,6 +289,8 @@ class State(Group):
     near_count = Reals("obstacles")
     near = Reals("obstacles", "groups")  # so many groups of samples that may touch the obstacle
     bristle = Lanes("obstacles", "groups", 3)  # friction that sticks, in its frame [m]
+    near_pair = Reals("near_pairs")  # spans a <= b that may touch: a times spans plus b
+    pair = Reals(4, "pairs")  # segments that may touch (`self_contact.key_of`), bristle [m]
 
 
 class Work(Group):
@@ -292,6 +315,9 @@ class Work(Group):
         "forces_known",  # 1 while `force` is that of the present state, for explicit methods
         "matrix_known",  # 1 while the factors of `methods.rattle` are those of the present one
         "power",  # of the grasps at the present state [W] (`methods.runge_kutta`)
+        "coupled",  # 1 while the factors of the step are in `skyline`
+        "pair_loss",  # of the last `self_contact.sane` [J]
+        "pairs_beyond",  # for which there is no room in this step
     )
     # twist relative to the Bishop frame
     psi = Reals("bishop_columns")
@@ -336,6 +362,22 @@ class Work(Group):
     contact_sums = Reals(90, groups.LANES)  # derivatives between the control points of a span
     contact_values = Reals(9, groups.LANES)  # derivatives of the forces on samples
     pair_sums = Reals(9, 2 * groups.LANES)
+    # contact of the cable with itself (`engine.self_contact`)
+    near_room = Reals("near_pairs")  # by which two spans may move towards each other in a step [m]
+    fresh_pair = Reals(4, "pairs")
+    corner = Reals("corner_rows", "chain_spans")  # corners of the chain: 3 number + line
+    corner_push = Reals("corner_rows", "chain_spans")  # forces there
+    beside = Reals("chain_blocks")  # 1 where a block has a segment of a pair
+    pair_ends = Reals(27, "pairs")  # `self_contact.gather`
+    pair_law = Reals(19, "pairs")  # of the last `self_contact.add_force`
+    pair_force = Reals(12, "pairs")  # on both ends of both segments
+    pair_trial = Reals(3, "pairs")  # bristles at the end of the step
+    pair_side = Reals(12, 24)  # `self_contact.couple`
+    pair_at = Wholes(24)
+    skyline = Reals("skyline")  # see `engine.skyline`
+    skyline_begin = Wholes("coupled")
+    skyline_place = Wholes("coupled")
+    skyline_pivot = Reals("coupled")
     # twist line of implicit steps
     twist_latest = Reals("lines", "columns")
     twist_rest = Reals("lines", "columns")
@@ -382,6 +424,7 @@ class CableArrays(Group):
     slides: Slides
     loads: Loads
     contact: Contact
+    chain: Chain
     length_gram = Reals("constraints", 16)  # of an inextensible cable: 4 x 4 matrix of each
     inputs: Inputs
     state: State

@@ -13,6 +13,7 @@ from dlo_sim.engine import (
     natural_curvature,
     plasticity,
     pressure,
+    self_contact,
     sliding,
     torsion,
 )
@@ -31,6 +32,7 @@ def all_forces(cable, x, out):
     bishop.force(cable, x, x, out)
     contact.add_elastic_force(cable, x, out)
     sliding.slide_force(cable, x, out)
+    self_contact.add_elastic_force(cable, x, out)
 
 
 @part
@@ -44,6 +46,7 @@ def all_energies(cable, x, out):
     plasticity.energy(cable, x, out)
     contact.energy(cable, x, out)
     sliding.slide_energy(cable, x, out)
+    self_contact.energy(cable, x, out)
 
 
 @part

@@ -31,6 +31,7 @@ from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES, lane
 from dlo_sim.compiling.pieces import NO, YES, part, piece
 from dlo_sim.engine.arrays import BORDERED, CABLE, LINES, MARGIN, PADDING, VECTOR
+from dlo_sim.engine.skyline import substitute_skyline
 from dlo_sim.terms.vectors import cross
 
 # -- the matrix ----------------------------------------------------------------------------------
@@ -313,6 +314,17 @@ def substitute_eight(band, size, dim, sides):
         sides[r] = value * band[r, half]
 
 
+@part
+def solve(cable, band, x):
+    """`substitute` with the factors of the last Newton matrix of a step, in `band` or, where the
+    cable presses on itself, in the skyline.
+    """
+    if cable.work.results.coupled:
+        substitute_skyline(cable, cable.n * cable.dim, x)
+    else:
+        substitute(band, cable.n * cable.dim, cable.dim, x)
+
+
 # -- border rows ---------------------------------------------------------------------------------
 
 
@@ -455,7 +467,7 @@ def solve_border(cable, band, share):
         for r in range(size):
             z[PADDING + r] = 0.0
         spread(cable, work.border_force, k, 1.0, z, PADDING)
-        substitute(band, size, cable.dim, z)
+        solve(cable, band, z)
         for j in range(bordered(cable)):
             work.border_system[j, k] = along(cable, work.border_condition, j, z, PADDING)
         if k >= rows.border:

@@ -400,6 +400,20 @@ def misses(contact, o, there, dy):
 
 
 @part
+def pressed(k, c, g0, g1):
+    """p_el, p, dp/dg1 for gaps before and after; `c`: damping over the length of the step."""
+    deep, inverse = depth(g0) + depth(g1), 1.0 / (fabs(g0) + fabs(g1) + TINY)
+    share = -deep * inverse
+    elastic = -0.5 * k * deep * share
+    p = elastic - c * share * (g1 - g0)
+    up = sign(g1)
+    slope = -0.5 * k * share * (1.0 - up + share * up) - c * share
+    slope += c * (g1 - g0) * inverse * (0.5 * (1.0 - up) + share * up)
+    p, slope = where(p, p, 0.0), where(p, slope, 0.0)
+    return elastic, p, slope
+
+
+@part
 def pressure(cable, o, rate, here, there, dy):
     """Gaps before and after, n, p_el, p, dp/dg1, f0 + f1, 1 where the step may have passed through
     the obstacle, and 1 near its middle, for a step dy between two `distance`. `rate`: 1 / tau, or 0
@@ -419,15 +433,7 @@ def pressure(cable, o, rate, here, there, dy):
         jumped = jumped * where(far - JUMP * reach, 1.0, 0.0)
         # Not across the opening of a ring, from one side to the other.
         jumped = jumped * where(-dot(here[1], dy), 1.0, where(dot(there[1], dy), 1.0, 0.0))
-    k, c = law[STIFFNESS], law[DAMPING] * rate
-    deep, inverse = depth(g0) + depth(g1), 1.0 / (fabs(g0) + fabs(g1) + TINY)
-    share = -deep * inverse
-    elastic = -0.5 * k * deep * share
-    p = elastic - c * share * (g1 - g0)
-    up = sign(g1)
-    slope = -0.5 * k * share * (1.0 - up + share * up) - c * share
-    slope += c * (g1 - g0) * inverse * (0.5 * (1.0 - up) + share * up)
-    p, slope = where(p, p, 0.0), where(p, slope, 0.0)
+    elastic, p, slope = pressed(law[STIFFNESS], law[DAMPING] * rate, g0, g1)
     return (g0, g1), n, elastic, p, slope, both, jumped, where(-g1 - contact.middle[o], 1.0, 0.0)
 
 

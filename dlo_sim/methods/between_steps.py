@@ -176,6 +176,7 @@ def solve_held(address, unknowns, transposed):
     cable, y = cable_at(address), grid(unknowns)
     dim, size = cable.dim, cable.n * cable.dim
     band, z, directions = cable.work.band, cable.work.residual, cable.state.direction
+    cable.work.results.coupled = 0.0
     hold(cable, directions, directions, band)
     set_border(cable, directions, directions)
     stiffen_border(cable, band)

@@ -31,7 +31,7 @@ from numba import boolean, float64, int64, void
 from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES, lane_sum, zero
 from dlo_sim.compiling.pieces import NO, YES, part, piece
-from dlo_sim.engine import contact
+from dlo_sim.engine import contact, self_contact
 from dlo_sim.engine.account import RESOLUTION
 from dlo_sim.engine.arrays import (
     BISHOP,
@@ -43,6 +43,7 @@ from dlo_sim.engine.arrays import (
     METHOD,
     MOST_CORRECTIONS,
     PADDING,
+    SELF,
     SLIDING,
     STATIC_TWIST,
 )
@@ -66,9 +67,9 @@ from dlo_sim.engine.band import (
     keep_border,
     own_point,
     set_border,
+    solve,
     solve_border,
     stiffen_border,
-    substitute,
     turn_vector,
 )
 from dlo_sim.engine.forces import start_with_weight
@@ -88,6 +89,7 @@ from dlo_sim.engine.rows import (
     turns,
     values_along,
 )
+from dlo_sim.engine.skyline import eliminate_skyline
 from dlo_sim.engine.sliding import (
     END,
     START,
@@ -109,6 +111,7 @@ from dlo_sim.methods.twist_step import end_twist, step_twist
 
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_HALVINGS = 12
+LAST_HALVINGS = 8  # of a step in which the cable passes through itself; then it may
 CAREFUL_HALVINGS = 4  # of a step that folds the cable over; after these the fold is accepted
 SLOW = 0.02  # ratio of successive correction energies above which the matrix is renewed
 STALLED = 0.2  # the same above which a correction counts as stalled
@@ -260,6 +263,7 @@ def begin_step(cable, t0, tau):
     difference(state.x, work.start, work.change)
     if cable.terms & CONTACT:
         contact.begin(cable, t0, tau, contact.largest_way(cable, work.change), work.start)
+    self_contact.begin(cable, work.start, state.x, work.change)
 
 
 @part
@@ -306,6 +310,8 @@ def step_force(cable, t0, tau, discrete):
     lost = discrete_gradient(cable, begin, end, change, viscous, force)
     if cable.terms & CONTACT:
         contact.add_force(cable, 1.0, 1.0 / tau, np.inf, YES, work.start, cable.state.x, force)
+    if cable.terms & SELF:
+        self_contact.add_force(cable, 1.0, 1.0 / tau, np.inf, YES, cable.state.x, force)
     spring_force(cable, middle, 0.5, NO, force)
     lost += step_slides(cable, work.start, cable.state.x, force)
     if cable.loads.count:
@@ -350,6 +356,17 @@ def set_residual(cable, a, b):
     return energy
 
 
+@part
+def factorize(cable, matrix):
+    """LU factors of the band matrix, with the couplings where the cable presses on itself; returns
+    whether they exist.
+    """
+    self_contact.couple(cable, cable.work.middle_direction, cable.state.direction, matrix)
+    if cable.work.results.coupled:
+        return eliminate_skyline(cable)
+    return eliminate(matrix, cable.n * cable.dim, cable.dim)
+
+
 @piece(boolean, CABLE, float64, float64, float64, boolean)
 def newton_matrix(cable, t0, tau, a, discrete):
     """state.matrix = LU factors of the Jacobian of the momentum balance; return whether they exist.
@@ -377,10 +394,11 @@ def newton_matrix(cable, t0, tau, a, discrete):
     hold(cable, work.middle_direction, state.direction, matrix)
     stiffen_border(cable, matrix)
     state.balance.matrix_weight = 0.0
-    if not eliminate(matrix, cable.n * cable.dim, cable.dim):
+    if not factorize(cable, matrix):
         return False
     solve_border(cable, matrix, 0.5)
-    state.balance.matrix_weight = a
+    # The skyline is in working memory, so its matrix is lost after the step.
+    state.balance.matrix_weight = 0.0 if work.results.coupled else a
     return True
 
 
@@ -432,7 +450,7 @@ def correct(cable, known):
     z, unbalanced, corrections = work.residual, work.unbalanced, work.corrections
     for r in range(size):
         unbalanced[r] = z[PADDING + r]
-    substitute(state.matrix, size, dim, z)
+    solve(cable, state.matrix, z)
     keep_border(cable, z)
     for j in range(known):
         along = dot(z, corrections[j]) * work.correction_scale[j]
@@ -577,7 +595,7 @@ def settle_overdamped(cable, moves, tau):
                 solved[PADDING + i * dim + d] = push[d, MARGIN + i]
         turn_vector(cable, work.middle_direction, YES, solved, PADDING)
         clear_held(cable, solved, PADDING)
-        substitute(state.matrix, cable.n * dim, dim, solved)
+        solve(cable, state.matrix, solved)
         keep_border(cable, solved)
         for r in range(cable.n * dim):
             step[r] = solved[PADDING + r]
@@ -696,14 +714,15 @@ def judge_matrix(balance, iterations, made):
 
 @piece(
     *(boolean, CABLE, METHOD),
-    *(float64, float64, float64, boolean),
+    *(float64, float64, float64, int64),
 )
-def try_step(cable, method, t0, tau, whole, careful):
+def try_step(cable, method, t0, tau, whole, level):
     """One step in place, of which `results.evaluations` counts the iterations; returns whether it
     converged. If not, x, w and the constraints of the state are restored.
 
-    It is a part of a step of length `whole`, over which reactions are averaged. With `careful`, a
-    step that folds the cable over (`turned_over`) counts as not converged.
+    It is a part of a step of length `whole`, over which reactions are averaged, that was halved
+    `level` times. At low levels, a step that folds the cable over (`turned_over`), or lets it pass
+    through itself, counts as not converged.
 
     The matrix is reused, across steps too, while the iteration contracts fast (`judge_matrix`). It
     belongs to the state, so that a run continues bitwise identically from a snapshot.
@@ -720,6 +739,7 @@ def try_step(cable, method, t0, tau, whole, careful):
     iterations = 0
     previous = np.inf
     linearize = not may_keep(cable, a)
+    work.results.coupled = 0.0
     made = 0  # iteration in which the matrix was factorised, 0: in an earlier step
     slope = 0.0  # |residual . correction| before the last correction
     share = 1.0  # of the last correction that x contains
@@ -777,12 +797,17 @@ def try_step(cable, method, t0, tau, whole, careful):
         previous = energy
     judge_matrix(balance, iterations, made)
     # Newton's method may converge to a cable folded through itself, with the same energy.
-    if converged and careful:
+    if converged and level < CAREFUL_HALVINGS:
         converged = not turned_over(cable)
+    if converged and cable.terms & SELF:
+        start, x, last = work.start, cable.state.x, min(LAST_HALVINGS, method.halvings)
+        converged = self_contact.sane(cable, tau, start, x, work.change, level >= last)
     if converged and cable.terms & CONTACT:
         start, x = work.start, cable.state.x
         converged = contact.accept(cable, tau, start, x, work.change, work.rate)
     if converged:
+        if cable.terms & SELF:
+            self_contact.keep(cable)
         balance.floor = max(balance.floor, floor)
         finish_step(cable, t0, tau, whole, lost)
         balance.slip = 0.5  # the energy balance takes the mean with both methods
@@ -813,8 +838,8 @@ def implicit_step(method, cable, step, tau):
         level, done = 0, 0  # `done` in units of 2^-MAX_HALVINGS of the substep
         while done < whole:
             one = whole >> level
-            begin, careful = t0 + length * done / whole, level < CAREFUL_HALVINGS
-            if try_step(cable, method, begin, length * one / whole, tau, careful):
+            begin = t0 + length * done / whole
+            if try_step(cable, method, begin, length * one / whole, tau, level):
                 done += one
                 # Double again only where the longer piece is aligned, so that pieces nest.
                 if level > 0 and done % (2 * one) == 0:

@@ -37,7 +37,11 @@ Quaternion = tuple[float, float, float, float]
 Switches = tuple[bool, bool, bool]
 Names = tuple[str, ...]
 # Groups with a block for each name, and their reserved names.
-_NAMED: dict[str, Names] = {"loads": (), "grasps": ("start", "end"), "obstacles": ("start", "end")}
+_NAMED: dict[str, Names] = {
+    "loads": (),
+    "grasps": ("start", "end"),
+    "obstacles": ("start", "end", "itself"),
+}
 # Parameters of the node, not of the scene, that a scene file may contain.
 _NODE_KEYS = re.compile(
     r"(use_sim_time|start_type_description_service|qos_overrides\..*|lifecycle|cables)"
@@ -51,6 +55,7 @@ _LARGEST_STRETCH = 2.0  # distance of held ends, in lengths, above which it is s
 Conflicts = Iterator[tuple[str, object, str]]
 
 # -- the cable, what surrounds it and what acts on it ---------------------------------------------
+SWITCH = ("auto", "on", "off")
 
 
 @dataclass(frozen=True)
@@ -274,19 +279,23 @@ class Torsion:
 
 @dataclass(frozen=True)
 class Contact:
-    """Contact between the cable and obstacles: what they have in common.
+    """Contact of the cable with obstacles and with itself: what they have in common.
 
     Parameters:
+        self: Whether the cable touches itself, with contact.friction, instead of passing through
+            itself; needs an implicit method. auto = off, with a warning where it passes through.
         stiffness: Contact force per unit length and penetration depth; 0 = chosen so that under
             earth gravity a cable penetrates a plane by a thousandth of its diameter, and another
             obstacle that all of it hangs over by at most a hundredth.
         damping: Share of critical damping of what touches: 0 = it bounces; auto (-1) = 0.3, or 0
             with methods that cannot dissipate in contact (rattle, energy_momentum_4).
-        friction: Coefficient of friction of obstacles that have none of their own.
+        friction: Coefficient of friction of the cable on itself, and on obstacles that have none of
+            their own.
         markers: Largest number of obstacles that markers on ~/obstacles add while the node runs;
             0 = it does not listen there.
     """
 
+    self: str = parameter("auto", choices=SWITCH)
     stiffness: float = parameter(0.0, "N/m^2", (0.0, 1.0e12))
     damping: float = parameter(-1.0, "", (0.0, 10.0), auto=-1.0)
     friction: float = parameter(0.0, "", (0.0, 100.0))
@@ -570,7 +579,6 @@ class Grasp(Holder):
 
 # -- how it is computed, inputs and outputs -------------------------------------------------------
 
-SWITCH = ("auto", "on", "off")
 LEAST_LATENCY, MOST_LATENCY = 0.06, 10.0  # s, of inputs.latency auto
 LEAST_BY_SPAN = 9  # control points from which stretching by span is never less accurate
 
@@ -1106,6 +1114,11 @@ TERMS = (
         loss=lambda scene: "the cable goes through its obstacles",
     ),
     Term(
+        "self_contact",
+        needed=lambda scene: scene.contact.self == "on",
+        absent="contact.self is not on",
+    ),
+    Term(
         "friction",
         needed=lambda scene: bool(scene.rubbing),
         absent="nothing that the cable touches has friction (contact.friction is 0)",
@@ -1226,6 +1239,12 @@ _BOUNCING = ", since its steps cannot dissipate in contact"
 RESTRICTIONS = (
     Restriction(EXPLICIT, "terms.twist", _of_twist("frenet"), off="auto"),
     Restriction(IMPLICIT, "terms.twist", _of_twist("quasistatic"), off="bishop"),
+    Restriction(
+        FORWARD,
+        "contact.self",
+        lambda scene: "on" if scene.contact.self == "on" else "",
+        off="off",
+    ),
     *(
         Restriction(FORWARD, f"damping.{name}", _of_damping(name))
         for name in ("stiffness", "stretch", "bend", "twist")

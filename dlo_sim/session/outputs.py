@@ -15,8 +15,8 @@ state)
 - `~/points` (PointCloud2, if enabled): the points of the centerline with u [m] and, where the scene
   determines it, tension [N]; float64 beyond 1 km from the origin, else float32.
 - `~/capsules` (MarkerArray, if enabled): capsules that enclose the cable.
-- `~/contacts` (MarkerArray, with obstacles): the obstacles, and a line along the force on the
-  cable at every sample that touches.
+- `~/contacts` (MarkerArray, with obstacles or contact.self): the obstacles, and a line along the
+  force on the cable at every sample that touches; where it touches itself, on one of the strands.
 - `/tf` (TFMessage, if enabled): both ends of the cable with the material frame there, x axis =
   tangent from start to end; the end effector of each grasp, whether it holds the cable or not.
 """
@@ -201,9 +201,9 @@ class Outputs:
                 bodies.append(cdr.Body(cdr.TRIANGLE_LIST, [*pose[0], *pose[1]], (1.0,) * 3, points))
             else:
                 bodies += _bodies(obstacle, *pose, scene.cable.length)
-            found = simulator.contact(obstacle.name)
-            ends = found.points + self._length_per_force * found.forces
-            lines.append(np.stack([found.points, ends], axis=1).reshape(-1, 3))
+        for one in simulator.contacts.values():
+            ends = one.points + self._length_per_force * one.forces
+            lines.append(np.stack([one.points, ends], axis=1).reshape(-1, 3))
         forces = np.concatenate(lines)
         if not (_finite(forces) and all(_finite(np.array(body.pose)) for body in bodies)):
             return None

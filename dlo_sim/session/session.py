@@ -514,12 +514,16 @@ class Session:
 
 
 def _contact_values(simulator: Simulator) -> list[tuple[str, str]]:
-    """Forces and clearance of the obstacles, for a scene that has some."""
+    """Forces and clearance of obstacles and of the cable with itself, where there are some; else
+    only the latter's clearance.
+    """
+    to_itself = [("clearance to itself [m]", f"{simulator.clearance_to_itself:.6g}")]
     found = simulator.contacts.values()
     if not found:
-        return []
-    forces = [float(np.linalg.norm(one.force)) for one in found]
-    return [
+        return to_itself
+    # The forces of the cable on itself cancel.
+    forces = [float(np.linalg.norm(one.force)) or one.total for one in found]
+    return to_itself + [
         ("contact force [N]", f"{sum(forces):.6g}"),
         ("largest contact force [N]", f"{max(forces):.6g}"),
         ("largest contact pressure [N/m]", f"{max(one.pressure for one in found):.6g}"),

@@ -13,6 +13,9 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import inextensible
 
 Array = NDArray[np.float64]
+# Pairs of segments that touch each other, for every segment, and of spans, for every span.
+PAIRS, NEAR = 4, 64
+MOST_SKYLINE = 1 << 20  # entries of the factors with couplings between distant control points
 COARSE = 3  # groups of samples of a block that touch planes, the last one at an end of the cable
 
 
@@ -33,6 +36,7 @@ def sizes_of(
     loads: int,
     obstacles: int,
     pieces: int,
+    segments: int,
     constraints: int,
     field_values: int = 0,
 ) -> dict[str, int]:
@@ -41,8 +45,9 @@ def sizes_of(
     Args:
         terms: bits of the active terms. rigid: rows, of which `border` between control points;
             springs: other rows, of which `joints` between two branches. pieces: groups of samples
-            of a span that touch bodies, 0 without obstacles. constraints: of the length, 0 if the
-            cable is extensible. field_values: of meshes that are obstacles.
+            of a span that touch bodies, 0 without obstacles. segments: of a span, that touch each
+            other, or 0. constraints: of the length, 0 if the cable is extensible. field_values: of
+            meshes that are obstacles.
     """
     lines, unknowns = dim + twist, n * dim
     spans = n - DEGREE
@@ -51,6 +56,8 @@ def sizes_of(
         bool(terms & bit) for bit in (arrays.BISHOP, arrays.CURVED, arrays.PLASTICITY)
     )
     saddle = n * (dim + 1) + 1 if constraints else 0
+    chain = bool(segments)
+    pairs = PAIRS * segments * (n - DEGREE)
     return {
         "terms": terms,
         "dim": dim,
@@ -74,6 +81,15 @@ def sizes_of(
         "fine_groups": pieces * spans,
         "field_values": field_values,
         "constraints": constraints,
+        "segments": segments,
+        "corners": (segments + 1) * chain,
+        "corner_rows": 3 * (segments + 1) * chain,
+        "chain_blocks": blocks * chain,
+        "chain_spans": LANES * blocks * chain,
+        "pairs": LANES * -(-pairs // LANES),
+        "near_pairs": (n - DEGREE) * min(n - DEGREE, NEAR) * chain,
+        "coupled": unknowns * chain,
+        "skyline": min(unknowns * unknowns, MOST_SKYLINE) * chain,
         "seen": 4 * dim,
         "unknowns": unknowns,
         "width": 16 * (dim - 1),
@@ -91,7 +107,7 @@ def sizes_of(
     }
 
 
-def most_sizes(scene: Scene, n: int, samples: int, pieces: int) -> dict[str, int]:
+def most_sizes(scene: Scene, n: int, samples: int, pieces: int, segments: int) -> dict[str, int]:
     """Sizes with room for whatever may become active while a cable of the scene runs: motion in
     space, twist, every grasp, all loads, obstacles from markers. Memory of these sizes is allocated
     once, unless `Simulator.add_obstacles` adds more of them.
@@ -113,6 +129,7 @@ def most_sizes(scene: Scene, n: int, samples: int, pieces: int) -> dict[str, int
         loads=len(scene.loads),
         obstacles=max(len(scene.bodies), len(scene.obstacles) + scene.contact.markers),
         pieces=pieces,
+        segments=segments,
         constraints=n - 1 if inextensible(scene) else 0,
     )
 

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 VOID = bspline.DEGREE  # knot spans between two branches
 HELD = bits.BORDERED | bits.SPRUNG  # terms of what holds a branch
 # Terms that follow the cable from one end to the other, or slide along it.
-ALONG = bits.BISHOP | bits.TORSION | bits.SLIDING
+ALONG = bits.BISHOP | bits.TORSION | bits.SLIDING | bits.SELF
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,8 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
 
     Raises:
         ValueError: branches of different lines, terms or samples, with terms that follow a cable
-            from one end to the other (twist against the Bishop frame, Frenet torsion) or slide
-            along it, or inextensible ones.
+            from one end to the other (twist against the Bishop frame, Frenet torsion, contact with
+            itself) or slide along it, or inextensible ones.
     """
     first = models[0]
     for model in models:
@@ -66,8 +66,8 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
             raise ValueError("branches: need the same lines, terms, and samples in a span")
     if first.has(ALONG) or first.arrays.sizes["constraints"]:
         raise ValueError(
-            "branches: twist against a frame, grasps that slide, and inextensible cables are not "
-            "available"
+            "branches: twist against a frame, contact of the cable with itself, grasps that slide, "
+            "and inextensible cables are not available"
         )
     starts = np.cumsum([0, *(model.n for model in models)]).tolist()
     holding = _all_held(models, joints, starts)
@@ -87,6 +87,7 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
         loads=sum(model.arrays.sizes["loads"] for model in models),
         obstacles=first.arrays.sizes["obstacles"],
         pieces=first.arrays.contact.pieces,
+        segments=first.arrays.sizes["segments"],
         constraints=0,
         field_values=first.arrays.sizes["field_values"],
     )

@@ -11,7 +11,7 @@ from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays
 from dlo_sim.scene.description import TERMS, Scene
 from dlo_sim.scene.needs import Needs, inextensible
-from dlo_sim.simulation import obstacles
+from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.arrays import most_sizes, sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.holding import Holding, holding_of
@@ -40,6 +40,7 @@ def build_model(
     holding = holding_of(scene, geometries, knots, axes, twist)
     curved = "bend" in needs and ("plasticity" in needs or scene.cable.shaped)
     pieces = pieces_of(scene) if "contact" in needs else 0
+    segments = self_contact.segments_of(scene, knots) if "self_contact" in needs else 0
     sizes = sizes_of(
         terms=_terms(scene, needs, curved, holding),
         dim=len(axes),
@@ -56,6 +57,7 @@ def build_model(
         loads=len(scene.loads) if "loads" in needs else 0,
         obstacles=len(scene.bodies) * ("contact" in needs),
         pieces=pieces,
+        segments=segments,
         constraints=n - 1 if inextensible(scene) else 0,
         field_values=field_values(scene) if "contact" in needs else 0,
     )
@@ -66,7 +68,7 @@ def build_model(
     bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
     origin = np.zeros(3) if origin is None else origin
     room = obstacles.MOST_PIECES if scene.contact.markers else pieces
-    most = most_sizes(scene, n, rule.xi.shape[1], room)
+    most = most_sizes(scene, n, rule.xi.shape[1], room, segments)
     stiffness = scene.cable.EA, bending
     places = dict(zip(scene.bodies, obstacles.at_rest(scene, origin), strict=True))
     model = Model(arrays, most, knots, rule, axes, twist, holding, *stiffness, rest, origin, places)
@@ -202,6 +204,8 @@ class _Filling:
         self._numbers()
         if "contact" in self._needs:
             obstacles.fill(scene, self._arrays, model.knots, model.rest)
+        if "self_contact" in self._needs:
+            self_contact.fill(scene, self._arrays, model.knots)
 
     def _inside(self, lines: Array) -> Array:
         return without_margins(lines, self._model.n)

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from dlo_sim.compiling.groups import aligned_zeros, numbers_of
 from dlo_sim.compiling.pieces import Piece
-from dlo_sim.engine import contact, sliding
+from dlo_sim.engine import contact, self_contact, sliding
 from dlo_sim.engine.arrays import (
     BISHOP,
     CONTACT,
     DAMPED,
     MATERIAL,
     PLASTICITY,
+    SELF,
     SLIDING,
     Inputs,
     State,
@@ -125,7 +126,8 @@ class Cable:
         """What other lines, terms or grasps leave as it is."""
         state = self.arrays.state
         balance = numbers_of(state.balance)
-        return balance, state.energy, state.energy_begin, state.natural, state.plastic
+        energies = state.energy, state.energy_begin
+        return balance, *energies, state.natural, state.plastic, state.pair
 
     def __getstate__(self) -> tuple[Model, int, Array, Array]:
         """What a copy needs; it has arrays of its own."""
@@ -319,6 +321,9 @@ class Cable:
         cable, state = scene.cable, self.arrays.state
         numbers_of(state.balance)[:] = 0.0
         state.energy[:] = state.energy_begin[:] = 0.0
+        if self.model.has(SELF):
+            state.pair[:] = 0.0
+            self.call(self_contact.look)
         state.balance.floor = 0.5 * cable.mu * cable.length * (CREEP * cable.length) ** 2
         self.call(between_steps.open_account)
 
@@ -329,6 +334,7 @@ class Cable:
         account.has_reaction = account.matrix_weight = 0.0
         if self.model.has(CONTACT):
             self.call(contact.look_everywhere)
+        account.near_margin = 0.0
 
     def potentials(self) -> Array:
         """Potential energies [J] in the order of `engine.arrays.ENERGIES`."""

@@ -44,6 +44,9 @@ DAMPED = 0.3  # share of critical damping of contact, if the scene gives none
 BRISTLES, BRISTLE_DAMPED = 1.0, 8.0
 
 
+ITSELF = "itself"  # the name of the cable among what it touches
+
+
 class Core(NamedTuple):
     """What an obstacle is before it is grown by `reach` [m].
 
@@ -252,6 +255,11 @@ class Contact(NamedTuple):
     passes: Array
     tensions: Array
 
+    @property
+    def total(self) -> float:
+        """Sum of the sizes of the forces [N]."""
+        return float(np.linalg.norm(self.forces, axis=1).sum())
+
 
 def contact_with(
     cable: Cable,
@@ -346,11 +354,12 @@ def depth_warning(scene: Scene, count: float) -> str:
 
 
 def press_warning(name: str, found: Contact, scene: Scene) -> str:
-    """One line if the cable is deep in an obstacle that presses it, else empty."""
+    """One line if the cable is deep in an obstacle that presses it, or in itself, else empty."""
     if -found.clearance <= 0.5 * scene.cable.diameter or not len(found.u):
         return ""
+    key = "contact.self" if name == ITSELF else f"obstacles.{name}"
     return (
-        f"obstacles.{name}: the cable is pressed {-found.clearance:.3g} m into it, more than half "
+        f"{key}: the cable is pressed {-found.clearance:.3g} m into it, more than half "
         "its diameter; give it room, or raise contact.stiffness"
     )
 
@@ -472,7 +481,7 @@ def trapezoidal(knots: Array, xi: Array, there: NDArray[np.bool_]) -> quadrature
     weights[there] = 0.5 * (np.append(apart, 0.0) + np.append(0.0, apart))
     spans = len(ends) - 1
     first, every = np.arange(spans)[:, None], np.zeros((*xi.shape, spans + bspline.DEGREE))
-    values = _values(knots, xi)
+    values = values_of_spans(knots, xi)
     for k in range(bspline.ACTIVE):
         every[first, np.arange(xi.shape[1]), first + k] = values[..., k]
     integrals = (knots[bspline.ACTIVE :] - knots[: -bspline.ACTIVE]) / bspline.ACTIVE
@@ -487,7 +496,7 @@ def samples_by_span(knots: Array, pieces: int) -> tuple[Array, Array]:
     """
     rules = plane_rule(knots), body_rule(knots, pieces)
     coarse, fine = (
-        np.concatenate([_values(knots, rule.xi), rule.weights[..., None]], axis=-1)
+        np.concatenate([values_of_spans(knots, rule.xi), rule.weights[..., None]], axis=-1)
         for rule in rules
     )
     return coarse, fine
@@ -518,7 +527,7 @@ def by_span(groups: Array, coarse: int, spans: int) -> tuple[Array, Array]:
     return flat, groups[coarse:].reshape(spans, -1, groups.shape[-1])
 
 
-def _values(knots: Array, xi: Array) -> Array:
+def values_of_spans(knots: Array, xi: Array) -> Array:
     """Basis functions of the spans at xi (spans, m), shape (spans, m, 4)."""
     powers = xi[..., None] ** np.arange(bspline.ACTIVE)
     return np.asarray(np.einsum("skp,smp->smk", bspline.span_polynomials(knots), powers))

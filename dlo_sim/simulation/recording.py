@@ -59,7 +59,8 @@ class Recording:
         notes: what a reader of the results should know, one line each.
         contacts: obstacle -> `clearance` [m], `force` on the cable (3) [N], largest force per
             length `pressure` [N/m], material coordinates [m] at which the cable `passes` through a
-            ring or channel, and `tensions` [N] on both sides, at the end of the run.
+            ring or channel, and `tensions` [N] on both sides, and sum of the sizes of all forces
+            `total` [N], at the end of the run; "itself" -> the same of the cable with itself.
         obstacles: what `drawn_obstacles` says of them.
         slides: grasp through which the cable slides -> material coordinate `u` [m] that it holds
             at the end of the run, tension `before` and `after` it [N].
@@ -160,6 +161,7 @@ def record_simulator(
     recorder.put(simulator.cable, simulator.energy().total)
     wall_s, report, counts = _run(simulator, estimate, duration, recorder, progress, tell)
     report = judged(report, recorder)
+    simulator.look_at(recorder.times[: recorder.count], recorder.control_points)
     count, control_points = recorder.count, recorder.control_points
     shapes = recorder.along(scene)
     error = simulator.energy_error
@@ -199,6 +201,7 @@ def record_simulator(
                 "pressure": one.pressure,
                 "passes": one.passes.tolist(),
                 "tensions": one.tensions.tolist(),
+                "total": one.total,
             }
             for name, one in simulator.contacts.items()
         },

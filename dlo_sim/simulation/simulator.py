@@ -36,7 +36,7 @@ from dlo_sim.scene.needs import (
     needs_of_end,
     needs_of_load,
 )
-from dlo_sim.simulation import following, obstacles
+from dlo_sim.simulation import following, obstacles, self_contact
 from dlo_sim.simulation.buckling import (
     coiling_warning,
     is_bent,
@@ -172,6 +172,8 @@ class Simulator:
         self._shape_naturally()
         lay = self._lay_natural_shape if self._natural.follows else None
         place(scene, self._geometries, self._ends, self.cable, lay)
+        self_contact.check_start(scene, self.cable)
+        self._watch = self_contact.Watch()
         frequency = largest_frequency(scene, self.cable)
         frequency = with_grasps_and_contact(scene, model, frequency)
         self.choice = choose(scene, frequency, unchecked_step)
@@ -243,8 +245,27 @@ class Simulator:
                 obstacles.press_warning(name, found, self.scene)
                 for name, found in self.contacts.items()
             ),
+            self._watch.warning,
+            self_contact.warning(self.cable),
         )
         return (*self._needs.warnings, *filter(None, lines))
+
+    def look_at(self, times: Array, points: Array) -> None:
+        """Look whether a recorded run, of control points (T, n_u, 4) at times [s], passed through
+        itself; for `warnings`.
+        """
+        if "self_contact" not in self._needs:
+            self._watch.reset()
+            for time, x in zip(times.tolist(), points, strict=True):
+                self._watch.look(self.model, x[:, :3].T, self.scene.cable.diameter, time)
+
+    @property
+    def clearance_to_itself(self) -> float:
+        """Smallest gap [m] between strands of the cable, negative where they overlap; infinite if
+        it is nearly straight.
+        """
+        found = self_contact.nearest(self.model, self.cable.points, self.scene.cable.diameter)
+        return found.clearance
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -571,9 +592,12 @@ class Simulator:
         return steps if steps <= left or is_bent(self.cable) else left
 
     def _look(self) -> None:
-        """Look at a straight cable where it is time to."""
+        """Look at a straight cable, and whether one passes through itself, where it is time to."""
         if self._steps % self._look_every == 0:
             release_from_line(self.cable, self.scene)
+        if "self_contact" not in self._needs:
+            x = self.cable.x[: len(self.model.axes)]
+            self._watch.look(self.model, x, self.scene.cable.diameter, self.time)
 
     def _steps_of_motions(self) -> int:
         """Number of steps that the present motions of the end effectors last."""
@@ -770,9 +794,13 @@ class Simulator:
 
     @property
     def contacts(self) -> dict[str, obstacles.Contact]:
-        """`contact` of all obstacles by name."""
+        """`contact` of all obstacles by name, and of the cable with itself under ITSELF."""
         touching = self.scene.bodies if "contact" in self._needs else ()
-        return {obstacle.name: self.contact(obstacle.name) for obstacle in touching}
+        found = {obstacle.name: self.contact(obstacle.name) for obstacle in touching}
+        if "self_contact" in self._needs:
+            diameter = self.scene.cable.diameter
+            found[obstacles.ITSELF] = self_contact.contact_with_itself(self.cable, diameter)
+        return found
 
     def contact(self, name: str) -> obstacles.Contact:
         """What of the cable touches an obstacle now.
@@ -1071,6 +1099,7 @@ class Simulator:
         self._ends.take_frame_turns(self.cable.frame_turn)
         self._ends.put(place, 0.0)
         self.cable.arrays.state.bristle[:] = 0.0
+        self._watch.reset()
         self.cable.put(place, speed, 0.0)
         if self._natural.follows:
             self._lay_natural_shape()

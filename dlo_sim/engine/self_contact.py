@@ -1,0 +1,887 @@
+"""Contact of the cable with itself: pressure between strands, and friction that sticks.
+
+**Segments.** The cable is a chain of short straight segments between corners, points of its curve
+at fixed material coordinates. Two segments touch unless they are closer than `chain.apart` along
+the cable. At the shares s, t of the two, m = a(s) - b(t) is the vector between their axes, and
+    d^2 = min over s, t of |m|^2 + r_a (s - 1/2)^2 + r_b (t - 1/2)^2
+their smoothed squared distance: r, a few hundredths of the squared length of a segment, makes s and
+t unique and continuous where segments are parallel. The gap is g = d - diameter.
+
+**A step** from (s0, t0, d0) to (s1, t1, d1). The squared distance is a minimum of functions that
+are linear in the squares and products of the vectors between the four ends. Hence a share c in
+[0, 1] exists with which
+    (1 - c) x (change of |m|^2 at s0, t0) + c x (that at s1, t1) = d1^2 - d0^2,
+and the gap has the exact discrete gradient that consists of 2 m_middle / (d0 + d1) at both pairs of
+material points, with the shares 1 - c and c, and m in the middle of the step. Both act along the
+line between two points, equal and opposite: pressure changes neither momentum nor angular momentum,
+and its energy is exact.
+
+Pressure, bristles and losses are those of `engine.contact`, per length of segment, with the
+displacement dy = (1 - c) (change of m at s0, t0) + c (that at s1, t1) and the normal of the
+discrete gradient; no part of the loss is negative. Friction acts on the axes of the strands: its
+moment about the point of contact, which would roll both about themselves, is left out, so friction
+alone does not keep the angular momentum. When a contact goes over to the next segment, its
+bristle, of the length of the penetration times mu, begins anew; its energy is lost.
+
+Where the contact goes over, two pairs share the pressure: for a moment it is up to twice as stiff.
+
+**Crossing.** Control points move straight from the start of a step to its end. A step in which two
+segments would pass through each other is not accepted (`sane`), so that the chain keeps its knots.
+
+**Broad phase.** Pairs of spans that may come near are found for many steps at once (`find_near`):
+neither far apart, nor of one stretch without sharp bends. Pairs of segments are found in each step
+from the expected motion of these spans relative to each other.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import boolean, float64, int64, void
+
+from dlo_sim.compiling.groups import grid, load, store
+from dlo_sim.compiling.lanes import LANES, fabs, lane, lane_sum, sqrt, where, zero
+from dlo_sim.compiling.pieces import ARRAY_2D, NO, YES, part, piece
+from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, SELF, TOUCHING, VECTOR, cable_at
+from dlo_sim.engine.band import clear_held, turn_vector
+from dlo_sim.engine.contact import (
+    BRISTLE,
+    BRISTLE_DAMPING,
+    DAMPING,
+    FRICTION,
+    STIFFNESS,
+    TINY,
+    friction,
+    pressed,
+    scaled,
+)
+from dlo_sim.engine.skyline import add_entry, begin_skyline, open_skyline, reach_to
+from dlo_sim.terms.one_sided import depth
+from dlo_sim.terms.vectors import combined, cross, dot
+
+BLUNT = 0.04  # r in squared lengths of a segment: d is up to 0.25 % of the diameter too large
+CONE = 0.8  # cosine to its first edge, of a stretch of the cable that cannot touch itself
+TURN = 0.1  # change of edges, in their lengths, until such stretches are looked for anew
+# Change of an edge, in its length, in a step that is repeated in halves: with FOLD at both ends a
+# stretch that is in its cone at the start cannot cross itself.
+FOLD = 0.4
+AHEAD = 8.0  # margin of `find_near` in motions that a step allows for
+ROOM, LEAST = 1.5, 0.1  # these, in expected motions, and of two spans in diameters
+STRETCHED = 0.65  # half a segment, in rest lengths, that is stretched by 30 %
+MEETING = 1e-6  # shares of a segment beyond its ends where it still meets others
+FAR = 1e3  # [m] between the segments of lanes without a pair
+
+# Rows of `Work.pair_ends`: both ends of both segments at the start and at the end of a step, r of
+# both, length.
+BEGUN, ENDED, BLUNT_A, BLUNT_B, LONG = 0, 12, 24, 25, 26
+# Rows of `Work.pair_law`: s0, t0, s1, t1, c, n (3), m1 / |m1| (3), direction of sliding (3); minus
+# derivatives of the force of a pair: along n by the gap, of friction across n, along the sliding by
+# the gap, and what of the second is lost along the sliding; whether the step may have crossed.
+AT, NORMAL, LAST, SLIDING, PUSH, HOLD, LEAN, GONE, PASSED = 0, 5, 8, 11, 14, 15, 16, 17, 18
+
+
+# -- the chain -----------------------------------------------------------------------------------
+
+
+@part
+def span_points(cable, x, b):
+    """The four control points of every span of a block."""
+    at, none = MARGIN + LANES * b, zero()
+    if cable.dim == 3:
+        return (
+            (load(x, 0, at), load(x, 1, at), load(x, 2, at)),
+            (load(x, 0, at + 1), load(x, 1, at + 1), load(x, 2, at + 1)),
+            (load(x, 0, at + 2), load(x, 1, at + 2), load(x, 2, at + 2)),
+            (load(x, 0, at + 3), load(x, 1, at + 3), load(x, 2, at + 3)),
+        )
+    return (
+        (load(x, 0, at), load(x, 1, at), none),
+        (load(x, 0, at + 1), load(x, 1, at + 1), none),
+        (load(x, 0, at + 2), load(x, 1, at + 2), none),
+        (load(x, 0, at + 3), load(x, 1, at + 3), none),
+    )
+
+
+@part
+def add_to_point(cable, at, f, out):
+    """out += forces on one control point of every span of a block."""
+    store(out, 0, at, load(out, 0, at) + f[0])
+    store(out, 1, at, load(out, 1, at) + f[1])
+    if cable.dim == 3:
+        store(out, 2, at, load(out, 2, at) + f[2])
+
+
+@part
+def place_corners(cable, x):
+    """Set `work.corner` to the corners of all spans."""
+    corner, chain = cable.work.corner, cable.chain
+    for b in range(cable.blocks):
+        q = span_points(cable, x, b)
+        for j in range(chain.segments + 1):
+            e = chain.basis[b, j]
+            for d in range(3):
+                value = e[0] * q[0][d] + e[1] * q[1][d] + (e[2] * q[2][d] + e[3] * q[3][d])
+                store(corner, 3 * j + d, LANES * b, value)
+
+
+@part
+def key_of(cable, a, b, i, j):
+    """The number of a pair: segment i of span a, and j of span b."""
+    spans, count = len(cable.chain.arc), cable.chain.segments
+    return float(((a * spans + b) * count + i) * count + j)
+
+
+@part
+def pair_of(cable, key):
+    """The inverse of `key_of`."""
+    spans, count, number = len(cable.chain.arc), cable.chain.segments, int(key)
+    j, number = number % count, number // count
+    i, number = number % count, number // count
+    return number // spans, number % spans, i, j
+
+
+@part
+def gather(cable, at):
+    """Copy the ends of the segments of all pairs to the rows of `work.pair_ends` from `at` on."""
+    corner, ends, pairs = cable.work.corner, cable.work.pair_ends, cable.state.pair
+    count = int(cable.state.balance.pairs)
+    for p in range(count):
+        a, b, i, j = pair_of(cable, pairs[0, p])
+        for k in range(6):
+            ends[at + k, p] = corner[3 * i + k, a]
+            ends[at + 6 + k, p] = corner[3 * j + k, b]
+    for p in range(count, count + -count % LANES):
+        for k in range(12):
+            ends[at + k, p] = FAR if k >= 6 else 0.0
+
+
+@part
+def lengths_of_pairs(cable):
+    """Set the constant rows of `work.pair_ends`, and `work.beside`."""
+    ends, chain, beside = cable.work.pair_ends, cable.chain, cable.work.beside
+    count = int(cable.state.balance.pairs)
+    for b in range(len(beside)):
+        beside[b] = 0.0
+    for p in range(count + -count % LANES):
+        ends[BLUNT_A, p] = ends[BLUNT_B, p] = 1.0
+        ends[LONG, p] = 0.0
+        if p < count:
+            a, b, _, _ = pair_of(cable, cable.state.pair[0, p])
+            ends[BLUNT_A, p] = BLUNT * chain.length[a] ** 2
+            ends[BLUNT_B, p] = BLUNT * chain.length[b] ** 2
+            ends[LONG, p] = 0.5 * (chain.length[a] + chain.length[b])
+            beside[a // LANES] = beside[b // LANES] = 1.0
+
+
+@part
+def loaded(rows, at, p):
+    """Three rows of LANES pairs as a vector."""
+    return load(rows, at, p), load(rows, at + 1, p), load(rows, at + 2, p)
+
+
+@part
+def segments_at(ends, at, p):
+    """a(0) - b(0), and the vectors along both segments, of LANES pairs."""
+    a, b = loaded(ends, at, p), loaded(ends, at + 6, p)
+    along_a = combined(1.0, loaded(ends, at + 3, p), -1.0, a)
+    along_b = combined(1.0, loaded(ends, at + 9, p), -1.0, b)
+    return combined(1.0, a, -1.0, b), along_a, along_b
+
+
+@part
+def between(segments, s, t):
+    """m at the shares s and t."""
+    return combined(1.0, combined(1.0, segments[0], s, segments[1]), -t, segments[2])
+
+
+@part
+def within(share):
+    """A share clipped to 0 .. 1."""
+    above = where(share, share, 0.0)
+    return where(1.0 - above, above, 1.0)
+
+
+@part
+def smoothed(segments, s, t, blunt):
+    """|m|^2 + r_a (s - 1/2)^2 + r_b (t - 1/2)^2; `blunt`: r_a and r_b."""
+    m = between(segments, s, t)
+    return dot(m, m) + blunt[0] * (s - 0.5) * (s - 0.5) + blunt[1] * (t - 0.5) * (t - 0.5)
+
+
+@part
+def nearest(segments, blunt):
+    """s, t and d^2 of the smoothed distance: of its minimum without bounds s is clipped, then t for
+    that s, then s for that t.
+    """
+    w, u, v = segments
+    a, b, e = dot(u, u) + blunt[0], dot(u, v), dot(v, v) + blunt[1]
+    c, f = dot(u, w) - 0.5 * blunt[0], dot(v, w) + 0.5 * blunt[1]
+    s = within((b * f - c * e) / (a * e - b * b))
+    t = within((b * s + f) / e)
+    s = within((b * t - c) / a)
+    return s, t, smoothed(segments, s, t, blunt)
+
+
+@part
+def only(condition, v):
+    """v on the lanes where the condition is above 0, else zero."""
+    return where(condition, v[0], 0.0), where(condition, v[1], 0.0), where(condition, v[2], 0.0)
+
+
+# -- forces and energy ---------------------------------------------------------------------------
+
+
+@part
+def law_of_step(cable, rate, most):
+    """Contact stiffness, damping c / tau, k_t, k_t + c_t / tau up to `most`."""
+    law = cable.chain.law
+    whole = min(law[BRISTLE] + law[BRISTLE_DAMPING] * rate, most) + TINY
+    return law[STIFFNESS], law[DAMPING] * rate, law[BRISTLE], whole
+
+
+@part
+def may_pass(ends, p, square0, square1, blunt):
+    """1 where two segments may pass through each other in a step: the motion of an end of one
+    relative to one of the other is as long as the sum of the distances at both ends of the step.
+    """
+    most, excess = zero(), 0.25 * (blunt[0] + blunt[1])
+    for i in range(2):
+        for j in range(2):
+            one = combined(
+                1.0, loaded(ends, ENDED + 3 * i, p), -1.0, loaded(ends, BEGUN + 3 * i, p)
+            )
+            other = combined(
+                1.0, loaded(ends, ENDED + 6 + 3 * j, p), -1.0, loaded(ends, BEGUN + 6 + 3 * j, p)
+            )
+            way = combined(1.0, one, -1.0, other)
+            most = where(dot(way, way) - most, dot(way, way), most)
+    near0, near1 = square0 - excess, square1 - excess
+    room = sqrt(where(near0, near0, 0.0)) + sqrt(where(near1, near1, 0.0))
+    return where(sqrt(most) - room, 1.0, 0.0)
+
+
+@part
+def spread_forces(cable, count, out):
+    """out += `work.pair_force`."""
+    work, chain, none = cable.work, cable.chain, (zero(), zero(), zero())
+    push, forces = work.corner_push, work.pair_force
+    for j in range(push.shape[0]):
+        for c in range(0, push.shape[1], LANES):
+            store(push, j, c, 0.0)
+    for p in range(count):
+        if work.pair_law[PUSH, p] != 0.0 or work.pair_law[HOLD, p] != 0.0:
+            a, b, i, j = pair_of(cable, cable.state.pair[0, p])
+            for k in range(6):
+                push[3 * i + k, a] += forces[k, p]
+                push[3 * j + k, b] += forces[6 + k, p]
+    for b in range(cable.blocks):
+        if work.beside[b] == 0.0:
+            continue
+        g0, g1, g2, g3 = none, none, none, none
+        for j in range(chain.segments + 1):
+            f, e = loaded(push, 3 * j, LANES * b), chain.basis[b, j]
+            g0, g1 = combined(1.0, g0, e[0], f), combined(1.0, g1, e[1], f)
+            g2, g3 = combined(1.0, g2, e[2], f), combined(1.0, g3, e[3], f)
+        at = MARGIN + LANES * b
+        add_to_point(cable, at, g0, out)
+        add_to_point(cable, at + 1, g1, out)
+        add_to_point(cable, at + 2, g2, out)
+        add_to_point(cable, at + 3, g3, out)
+
+
+@piece(
+    *((float64, float64), CABLE, float64, float64, float64, boolean),
+    *(LINES, LINES),
+    terms=SELF,
+)
+def add_force(cable, springs, rate, most, rubs, x1, out):
+    """out += contact force of a step from the configuration of `start_pairs` to x1; the bristles at
+    its end go to `work.pair_trial`, what a matrix needs to `work.pair_law`.
+
+    Args:
+        springs: factor of the elastic pressure, 1 or 0. rate: 1 / tau, 0 for the elastic pressure
+            at x1 alone. most: bound of k_t + c_t / tau. rubs: whether there is friction.
+
+    Returns:
+        Energy put into the bristles [J] and loss [J].
+    """
+    chain, state, work = cable.chain, cable.state, cable.work
+    count = int(state.balance.pairs)
+    if count == 0:
+        return 0.0, 0.0
+    ends, kept_law, trial_z = work.pair_ends, work.pair_law, work.pair_trial
+    k, c, k_t, whole = law_of_step(cable, rate, most)
+    stiff, rubbed = (k_t, whole), rubs and chain.law[FRICTION] > 0.0
+    place_corners(cable, x1)
+    gather(cable, ENDED)
+    forces, begun = work.pair_force, BEGUN if rate > 0.0 else ENDED
+    kept, lost = zero(), zero()
+    for p in range(0, count, LANES):
+        blunt = load(ends, BLUNT_A, p), load(ends, BLUNT_B, p)
+        wide = load(ends, LONG, p)
+        before, after = segments_at(ends, begun, p), segments_at(ends, ENDED, p)
+        s1, t1, square1 = nearest(after, blunt)
+        s0, t0, square0 = s1, t1, square1
+        share = zero() + 0.5
+        if rate > 0.0:
+            s0, t0, square0 = nearest(before, blunt)
+            less = fabs(smoothed(after, s0, t0, blunt) - square1)
+            more = fabs(smoothed(before, s1, t1, blunt) - square0)
+            noise = 1e-14 * (square0 + square1) + TINY
+            share = (less + noise) / (less + more + 2.0 * noise)
+        d0, d1 = sqrt(square0), sqrt(square1)
+        one = 1.0 / (d0 + d1 + TINY)
+        near, far = between(before, s0, t0), between(after, s1, t1)
+        near_after, far_before = between(after, s0, t0), between(before, s1, t1)
+        toward = combined(one, near, one, near_after), combined(one, far_before, one, far)
+        n = combined(1.0 - share, toward[0], share, toward[1])
+        gap0, gap1 = d0 - chain.diameter, d1 - chain.diameter
+        elastic, pressure, slope = pressed(k, c, gap0, gap1)
+        lost += wide * (pressure - elastic) * (gap0 - gap1)
+        push = pressure - (1.0 - springs) * elastic
+        first, last = scaled((1.0 - share) * push, toward[0]), scaled(share * push, toward[1])
+        hold = lean = gone = zero()
+        way = n
+        if rubbed:
+            z = load(state.pair, 1, p), load(state.pair, 2, p), load(state.pair, 3, p)
+            one_way = combined(1.0, near_after, -1.0, near)
+            other_way = combined(1.0, far, -1.0, far_before)
+            dy = combined(1.0 - share, one_way, share, other_way)
+            trial, holds, size, held, slip, _ = friction(chain.law, stiff, n, dy, z, pressure)
+            holds = where(pressure, holds, 0.0)
+            rubbing = scaled(-holds, trial)
+            first = combined(1.0, first, 1.0 - share, rubbing)
+            last = combined(1.0, last, share, rubbing)
+            z1 = scaled(1.0 / whole, combined(whole - k_t, held, holds, trial))
+            z1 = only(pressure, z1)
+            change = combined(1.0, z1, -1.0, held)
+            slid = combined(1.0, combined(1.0, held, 1.0, slip), -1.0, z1)
+            full, stored = dot(z, z), dot(z1, z1)
+            loss = (0.5 * k_t + whole - k_t) * dot(change, change)
+            loss += 0.5 * k_t * (full - dot(held, held)) + holds * dot(trial, slid)
+            lost += wide * where(pressure, loss, 0.5 * k_t * full)
+            kept += 0.5 * k_t * wide * (stored - full)
+            for d in range(3):
+                store(trial_z, d, p, z1[d])
+            slides = where(holds - 1.0 + 1e-15, 0.0, 1.0) * where(pressure, 1.0, 0.0)
+            way = scaled(1.0 / size, trial)
+            hold = holds * whole
+            lean, gone = chain.law[FRICTION] * slides * slope, hold * slides
+        rows = s0, t0, s1, t1, share
+        for d in range(5):
+            store(kept_law, AT + d, p, rows[d])
+        unit = scaled(1.0 / (d1 + TINY), far)
+        for d in range(3):
+            store(kept_law, NORMAL + d, p, n[d])
+            store(kept_law, LAST + d, p, unit[d])
+            store(kept_law, SLIDING + d, p, way[d])
+        store(kept_law, PUSH, p, -wide * slope)
+        store(kept_law, HOLD, p, wide * hold)
+        store(kept_law, LEAN, p, wide * lean)
+        store(kept_law, GONE, p, wide * gone)
+        store(kept_law, PASSED, p, may_pass(ends, p, square0, square1, blunt))
+        first, last = scaled(wide, first), scaled(wide, last)
+        for d in range(3):
+            store(forces, d, p, (1.0 - s0) * first[d] + (1.0 - s1) * last[d])
+            store(forces, 3 + d, p, s0 * first[d] + s1 * last[d])
+            store(forces, 6 + d, p, -((1.0 - t0) * first[d] + (1.0 - t1) * last[d]))
+            store(forces, 9 + d, p, -(t0 * first[d] + t1 * last[d]))
+    spread_forces(cable, count, out)
+    return lane_sum(kept), lane_sum(lost)
+
+
+@part
+def add_elastic_force(cable, x, out):
+    """out += elastic pressure at one configuration."""
+    add_force(cable, 1.0, 0.0, 0.0, NO, x, out)
+
+
+@piece(void, CABLE, LINES, VECTOR, terms=SELF)
+def energy(cable, x, out):
+    """Add the energy of pressure and bristles [J]."""
+    chain, state, ends, sum_ = cable.chain, cable.state, cable.work.pair_ends, zero()
+    count = int(state.balance.pairs)
+    if count == 0:
+        return
+    place_corners(cable, x)
+    gather(cable, ENDED)
+    for p in range(0, count, LANES):
+        blunt = load(ends, BLUNT_A, p), load(ends, BLUNT_B, p)
+        _, _, square = nearest(segments_at(ends, ENDED, p), blunt)
+        deep = depth(sqrt(square) - chain.diameter)
+        z = load(state.pair, 1, p), load(state.pair, 2, p), load(state.pair, 3, p)
+        stored = chain.law[STIFFNESS] * deep * deep + chain.law[BRISTLE] * dot(z, z)
+        sum_ += 0.5 * load(ends, LONG, p) * stored
+    out[TOUCHING] += lane_sum(sum_)
+
+
+# -- matrix --------------------------------------------------------------------------------------
+
+
+@part
+def fill_side(cable, directions, p, a, b, s, t, first):
+    """Rows first, first + 1, ... of `work.pair_side`: by how much m of pair p at the shares s, t
+    moves along each line for a unit change of the unknowns `work.pair_at`, in the frames of the
+    clamps. Returns the number of unknowns.
+    """
+    work, chain, dim = cable.work, cable.chain, cable.dim
+    _, _, i, j = pair_of(cable, cable.state.pair[0, p])
+    spare, at, side = work.step, work.pair_at, work.pair_side
+    begin, count = max(b, a + 4), 0
+    for c in range(a, a + 4):
+        for d in range(dim):
+            at[count] = c * dim + d
+            count += 1
+    for c in range(begin, b + 4):
+        for d in range(dim):
+            at[count] = c * dim + d
+            count += 1
+    for line in range(dim):
+        for k in range(count):
+            spare[at[k]] = 0.0
+        for k in range(4):
+            value = (1.0 - s) * lane(chain.basis[a // LANES, i][k], a % LANES)
+            value += s * lane(chain.basis[a // LANES, i + 1][k], a % LANES)
+            spare[(a + k) * dim + line] += value
+            value = (1.0 - t) * lane(chain.basis[b // LANES, j][k], b % LANES)
+            value += t * lane(chain.basis[b // LANES, j + 1][k], b % LANES)
+            spare[(b + k) * dim + line] -= value
+        turn_vector(cable, directions, YES, spare, 0)
+        clear_held(cable, spare, 0)
+        for k in range(count):
+            side[first + line, k] = spare[at[k]]
+    return count
+
+
+@piece(void, CABLE, LINES, LINES, LINES, terms=SELF)
+def couple(cable, pushed, kept, band):
+    """If segments press on each other and there is room, make `work.skyline` the band matrix minus
+    the Jacobian of the last `add_force`, and `work.results.coupled` 1, else 0.
+
+    The motion of s, t and c with the configuration is left out. `pushed`, `kept`: directions of the
+    constraint rows on the left and on the right, as of `band.hold`.
+    """
+    work, law = cable.work, cable.work.pair_law
+    count, pressing = int(cable.state.balance.pairs), 0
+    work.results.coupled = 0.0
+    begin_skyline(cable)
+    for p in range(count):
+        if law[PUSH, p] != 0.0 or law[HOLD, p] != 0.0:
+            a, b, _, _ = pair_of(cable, cable.state.pair[0, p])
+            reach_to(cable, a, b)
+            pressing += 1
+    if pressing == 0 or not open_skyline(cable, band):
+        return
+    for r in range(len(work.step)):
+        work.step[r] = 0.0
+    for p in range(count):
+        if law[PUSH, p] != 0.0 or law[HOLD, p] != 0.0:
+            add_pair(cable, pushed, kept, p)
+    work.results.coupled = 1.0
+
+
+@part
+def add_pair(cable, pushed, kept, p):
+    """Add minus the Jacobian of pair p to the skyline."""
+    work, law, side, at, dim = (
+        cable.work,
+        cable.work.pair_law,
+        cable.work.pair_side,
+        cable.work.pair_at,
+        cable.dim,
+    )
+    a, b, _, _ = pair_of(cable, cable.state.pair[0, p])
+    c = law[AT + 4, p]
+    s, t = law[AT, p], law[AT + 1, p]
+    last_s, last_t = law[AT + 2, p], law[AT + 3, p]
+    mean_s, mean_t = s + c * (last_s - s), t + c * (last_t - t)
+    fill_side(cable, pushed, p, a, b, mean_s, mean_t, 0)
+    fill_side(cable, kept, p, a, b, last_s, last_t, 3)
+    size = fill_side(cable, kept, p, a, b, mean_s, mean_t, 6)
+    n = law[NORMAL, p], law[NORMAL + 1, p], law[NORMAL + 2, p]
+    m = law[LAST, p], law[LAST + 1, p], law[LAST + 2, p]
+    way = law[SLIDING, p], law[SLIDING + 1, p], law[SLIDING + 2, p]
+    push, hold, lean, gone = law[PUSH, p], law[HOLD, p], law[LEAN, p], law[GONE, p]
+    flat = hold / (dot(n, n) + TINY)
+    for k in range(size):
+        by_gap = by_n = by_way = 0.0
+        for d in range(dim):
+            by_gap += m[d] * side[3 + d, k]
+            by_n += n[d] * side[6 + d, k]
+            by_way += way[d] * side[6 + d, k]
+        for d in range(dim):
+            value = (push * n[d] + lean * way[d]) * by_gap + hold * side[6 + d, k]
+            side[9 + d, k] = value - flat * n[d] * by_n - gone * way[d] * by_way
+    for k in range(size):
+        for r in range(size):
+            value = 0.0
+            for d in range(dim):
+                value += side[d, r] * side[9 + d, k]
+            add_entry(work, at[r], at[k], value)
+
+
+# -- broad phase ---------------------------------------------------------------------------------
+
+
+@part
+def motion(cable, x0, x1):
+    """By how much control points move relative to the first one at most [m], and the largest change
+    of an edge between neighbours, as a share of its length there.
+    """
+    way = turn = 0.0
+    for c in range(MARGIN, MARGIN + cable.n):
+        moved = changed = length = 0.0
+        for d in range(cable.dim):
+            here = x1[d, c] - x0[d, c]
+            moved += (here - (x1[d, MARGIN] - x0[d, MARGIN])) ** 2
+            if c + 1 < MARGIN + cable.n:
+                edge = x0[d, c + 1] - x0[d, c]
+                changed += (x1[d, c + 1] - x0[d, c + 1] - here) ** 2
+                length += edge * edge
+        way = max(way, moved)
+        turn = max(turn, changed / (length + TINY))
+    return np.sqrt(way), np.sqrt(turn)
+
+
+@part
+def hull(cable, x, b):
+    """Centre of the control points of span b, and the distance of the farthest of them."""
+    first, square = MARGIN + b, 0.0
+    c0 = 0.25 * (x[0, first] + x[0, first + 1] + x[0, first + 2] + x[0, first + 3])
+    c1 = 0.25 * (x[1, first] + x[1, first + 1] + x[1, first + 2] + x[1, first + 3])
+    c2 = 0.0
+    if cable.dim == 3:
+        c2 = 0.25 * (x[2, first] + x[2, first + 1] + x[2, first + 2] + x[2, first + 3])
+    for c in range(first, first + 4):
+        far = (x[0, c] - c0) ** 2 + (x[1, c] - c1) ** 2
+        if cable.dim == 3:
+            far += (x[2, c] - c2) ** 2
+        square = max(square, far)
+    return c0, c1, c2, np.sqrt(square)
+
+
+@part
+def leaves_cone(cable, x, first, c):
+    """Whether the edge from control point c (a column) leaves the cone about that from `first`."""
+    along = one = other = 0.0
+    for d in range(cable.dim):
+        e, f = x[d, first + 1] - x[d, first], x[d, c + 1] - x[d, c]
+        along += e * f
+        one += e * e
+        other += f * f
+    return not along > 0.0 or along * along < CONE * CONE * one * other
+
+
+@part
+def find_near(cable, x, margin):
+    """Set `state.near_pair`: spans that may come within a diameter of each other while control
+    points move by `margin`.
+    """
+    state, chain, count = cable.state, cable.chain, 0
+    spans, most = cable.n - 3, len(state.near_pair)
+    for a in range(spans):
+        if chain.length[a] == 0.0:
+            continue
+        a0, a1, a2, size = hull(cable, x, a)
+        straight = not leaves_cone(cable, x, MARGIN + a + 1, MARGIN + a)
+        straight = straight and not leaves_cone(cable, x, MARGIN + a + 1, MARGIN + a + 2)
+        for b in range(a, spans):
+            if b > a and straight:
+                straight = not leaves_cone(cable, x, MARGIN + a + 1, MARGIN + b + 2)
+            if straight or chain.length[b] == 0.0:
+                continue
+            b0, b1, b2, other = hull(cable, x, b)
+            room = size + other + chain.diameter + 2.0 * margin
+            if (a0 - b0) ** 2 + (a1 - b1) ** 2 + (a2 - b2) ** 2 > room * room:
+                continue
+            if count == most:
+                cable.work.results.pairs_beyond += 1.0
+                continue
+            state.near_pair[count] = float(a * spans + b)
+            count += 1
+    state.balance.near_spans = float(count)
+
+
+@part
+def relative_way(cable, change, a, b):
+    """Bound of the motion of a point of span a relative to one of span b [m]."""
+    one = other = 0.0
+    for k in range(4):
+        from_a = from_b = 0.0
+        for d in range(cable.dim):
+            middle = 0.5 * (change[d, MARGIN + a + 1] + change[d, MARGIN + b + 1])
+            from_a += (change[d, MARGIN + a + k] - middle) ** 2
+            from_b += (change[d, MARGIN + b + k] - middle) ** 2
+        one, other = max(one, from_a), max(other, from_b)
+    return np.sqrt(one) + np.sqrt(other)
+
+
+@part
+def apart_at(corner, segments, a, b):
+    """Distance of the middles of two spans [m]."""
+    far, k = 0.0, 3 * (segments // 2)
+    for d in range(3):
+        far += (corner[k + d, a] - corner[k + d, b]) ** 2
+    return np.sqrt(far)
+
+
+@part
+def drop(cable, p):
+    """Count the energy of the bristle of a pair that left its contact as lost."""
+    pair, chain = cable.state.pair, cable.chain
+    a, b, _, _ = pair_of(cable, pair[0, p])
+    square = pair[1, p] ** 2 + pair[2, p] ** 2 + pair[3, p] ** 2
+    wide = 0.5 * (chain.length[a] + chain.length[b])
+    cable.state.balance.dissipated += 0.5 * chain.law[BRISTLE] * wide * square
+
+
+@part
+def find_pairs(cable, x, change):
+    """Set `state.pair` to the segments that may touch in a step from x that is expected to be
+    `change`, with their bristles; and `work.near_room`.
+    """
+    state, work, chain = cable.state, cable.work, cable.chain
+    balance, fresh, corner = state.balance, work.fresh_pair, work.corner
+    old, seen, count = int(balance.pairs), 0, 0
+    spans, most = cable.n - 3, fresh.shape[1]
+    place_corners(cable, x)
+    for k in range(int(balance.near_spans)):
+        a, b = int(state.near_pair[k]) // spans, int(state.near_pair[k]) % spans
+        way = ROOM * relative_way(cable, change, a, b) + LEAST * chain.diameter
+        work.near_room[k] = way
+        long_a, long_b = chain.length[a], chain.length[b]
+        reach = chain.diameter + way + STRETCHED * (long_a + long_b)
+        if apart_at(corner, chain.segments, a, b) > reach + (chain.segments - 1) * 0.5 * (
+            long_a + long_b
+        ):
+            continue
+        for i in range(chain.segments):
+            end = chain.arc[a] + (i + 1) * long_a + chain.apart
+            for j in range(chain.segments):
+                if chain.arc[b] + j * long_b < end:
+                    continue
+                far = 0.0
+                for d in range(3):
+                    here = corner[3 * i + d, a] + corner[3 * i + 3 + d, a]
+                    there = corner[3 * j + d, b] + corner[3 * j + 3 + d, b]
+                    far += 0.25 * (here - there) ** 2
+                if far > reach * reach:
+                    continue
+                if count == most:
+                    work.results.pairs_beyond += 1.0
+                    continue
+                key = key_of(cable, a, b, i, j)
+                while seen < old and state.pair[0, seen] < key:
+                    drop(cable, seen)
+                    seen += 1
+                fresh[0, count] = key
+                known = seen < old and state.pair[0, seen] == key
+                for d in range(1, 4):
+                    fresh[d, count] = state.pair[d, seen] if known else 0.0
+                seen += 1 if known else 0
+                count += 1
+    for p in range(seen, old):
+        drop(cable, p)
+    for p in range(count):
+        for d in range(4):
+            state.pair[d, p] = fresh[d, p]
+    balance.pairs = float(count)
+    lengths_of_pairs(cable)
+    gather(cable, BEGUN)
+
+
+@piece(void, CABLE, LINES, LINES, LINES, terms=SELF)
+def begin(cable, x0, x1, change):
+    """Prepare a step from x0 that is expected to lead to x1 = x0 + change: find what may touch."""
+    balance = cable.state.balance
+    way, turn = motion(cable, x0, x1)
+    way = ROOM * way + 0.1 * LEAST * cable.chain.diameter
+    cable.work.results.pairs_beyond = 0.0
+    known = balance.near_way + way < balance.near_margin
+    if not (known and balance.near_turn + turn < TURN):
+        balance.near_margin = AHEAD * way
+        balance.near_way = balance.near_turn = 0.0
+        find_near(cable, x0, balance.near_margin)
+    if balance.near_spans > 0.0 or balance.pairs > 0.0:
+        find_pairs(cable, x0, change)
+
+
+@piece(void, int64, terms=SELF)
+def look(address):
+    """Find what touches at the present configuration, from which a run begins."""
+    cable = cable_at(address)
+    x, change, balance = cable.state.x, cable.work.change, cable.state.balance
+    for d in range(change.shape[0]):
+        for c in range(0, change.shape[1], LANES):
+            store(change, d, c, 0.0)
+    balance.near_margin = balance.near_way = balance.near_turn = 0.0
+    begin(cable, x, x, change)
+
+
+# -- the end of a step ---------------------------------------------------------------------------
+
+
+@part
+def looked_at_all(cable, x0, x1, change):
+    """Whether the motion of a step was not longer than its pairs allow for."""
+    balance, spans = cable.state.balance, cable.n - 3
+    way, turn = motion(cable, x0, x1)
+    if turn > FOLD or not balance.near_way + way <= balance.near_margin:
+        balance.near_margin = 0.0
+        return False
+    for k in range(int(balance.near_spans)):
+        number = int(cable.state.near_pair[k])
+        if relative_way(cable, change, number // spans, number % spans) > cable.work.near_room[k]:
+            return False
+    balance.near_way += way
+    balance.near_turn += turn
+    return True
+
+
+@part
+def corner_of(ends, p, k, t):
+    """End k of the segments of pair p (two of the first, two of the second), at the share t of the
+    step.
+    """
+    k *= 3
+    return (
+        ends[BEGUN + k, p] + t * (ends[ENDED + k, p] - ends[BEGUN + k, p]),
+        ends[BEGUN + k + 1, p] + t * (ends[ENDED + k + 1, p] - ends[BEGUN + k + 1, p]),
+        ends[BEGUN + k + 2, p] + t * (ends[ENDED + k + 2, p] - ends[BEGUN + k + 2, p]),
+    )
+
+
+@part
+def volume(ends, p, t):
+    """u . (v x m) of the segments u, v of pair p at the share t of the step: zero in one plane."""
+    a, b = corner_of(ends, p, 0, t), corner_of(ends, p, 2, t)
+    u = combined(1.0, corner_of(ends, p, 1, t), -1.0, a)
+    v = combined(1.0, corner_of(ends, p, 3, t), -1.0, b)
+    return dot(u, cross(v, combined(1.0, a, -1.0, b)))
+
+
+@part
+def meet(ends, p, t):
+    """Whether the segments of pair p, in one plane at the share t of the step, meet there."""
+    a, b = corner_of(ends, p, 0, t), corner_of(ends, p, 2, t)
+    u = combined(1.0, corner_of(ends, p, 1, t), -1.0, a)
+    v = combined(1.0, corner_of(ends, p, 3, t), -1.0, b)
+    w = combined(1.0, a, -1.0, b)
+    across = cross(u, v)
+    square = dot(across, across) + TINY
+    s, r = dot(cross(v, w), across) / square, dot(cross(u, w), across) / square
+    return -MEETING <= s <= 1.0 + MEETING and -MEETING <= r <= 1.0 + MEETING
+
+
+@part
+def root(ends, p, low, high, at_low):
+    """Zero of `volume` between two shares of the step with different signs, the first `at_low`."""
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        if (volume(ends, p, middle) > 0.0) == (at_low > 0.0):
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@part
+def crosses(cable, p):
+    """Whether the segments of pair p pass through each other when their ends move straight: they
+    meet where `volume`, a cubic polynomial, is zero. In planar motion it always is: they meet if
+    they do at the end.
+    """
+    ends = cable.work.pair_ends
+    if cable.dim == 2:
+        return meet(ends, p, 1.0)
+    f0, f1 = volume(ends, p, 0.0), volume(ends, p, 1.0)
+    g0, g1 = volume(ends, p, 1.0 / 3.0), volume(ends, p, 2.0 / 3.0)
+    # derivative a t^2 + b t + c of the polynomial through these four
+    a = 13.5 * (f1 - f0 + 3.0 * (g0 - g1))
+    b = 9.0 * (2.0 * f0 - 5.0 * g0 + 4.0 * g1 - f1)
+    c = -5.5 * f0 + 9.0 * g0 - 4.5 * g1 + f1
+    first, second = 1.0, 1.0
+    under = b * b - 4.0 * a * c
+    if under > 0.0:
+        q = -0.5 * (b + np.copysign(np.sqrt(under), b))
+        first = q / a if a != 0.0 else 1.0
+        second = c / q if q != 0.0 else 1.0
+        first, second = min(first, second), max(first, second)
+    low, at_low = 0.0, f0
+    for k in range(3):
+        high = first if k == 0 else (second if k == 1 else 1.0)
+        if not low < high <= 1.0:
+            continue
+        at_high = volume(ends, p, high)
+        if (at_low > 0.0) != (at_high > 0.0) and meet(ends, p, root(ends, p, low, high, at_low)):
+            return True
+        low, at_low = high, at_high
+    return False
+
+
+@piece(boolean, CABLE, float64, LINES, LINES, LINES, boolean, terms=SELF)
+def sane(cable, tau, x0, x1, change, last):
+    """Whether a converged step of length tau from x0 to x1 = x0 + change may stand: all that came
+    near was looked at, and nothing passed through itself. `last`: it may do so, and is counted.
+    """
+    if not looked_at_all(cable, x0, x1, change):
+        return False
+    beyond = cable.work.results.pairs_beyond
+    if beyond > 0.0 and not last:  # fewer may touch in a shorter step
+        return False
+    cable.state.balance.pairs_lost += beyond
+    work, count = cable.work, int(cable.state.balance.pairs)
+    if count == 0:
+        return True
+    _, work.results.pair_loss = add_force(cable, 1.0, 1.0 / tau, np.inf, YES, x1, work.rate)
+    for p in range(count):
+        if work.pair_law[PASSED, p] > 0.0 and crosses(cable, p):
+            if not last:
+                return False
+            cable.state.balance.crossed += 1.0
+            return True
+    return True
+
+
+@part
+def keep(cable):
+    """Account for a step that was `sane`, and keep its bristles."""
+    state, count = cable.state, int(cable.state.balance.pairs)
+    if count == 0:
+        return
+    state.balance.dissipated += cable.work.results.pair_loss
+    if cable.chain.law[FRICTION] > 0.0:
+        for p in range(count):
+            for d in range(3):
+                state.pair[1 + d, p] = cable.work.pair_trial[d, p]
+
+
+# -- what touches, for reports -------------------------------------------------------------------
+
+
+@piece(void, int64, ARRAY_2D, terms=SELF)
+def report(address, out):
+    """Of all pairs at the present configuration: length [m] that touches, else 0; on the first
+    strand the material coordinate [m] and the force [N], by line (3).
+    """
+    cable, values = cable_at(address), grid(out)
+    chain, ends, pair = cable.chain, cable.work.pair_ends, cable.state.pair
+    place_corners(cable, cable.state.x)
+    lengths_of_pairs(cable)
+    gather(cable, ENDED)
+    for p in range(0, values.shape[0], LANES):
+        blunt = load(ends, BLUNT_A, p), load(ends, BLUNT_B, p)
+        segments = segments_at(ends, ENDED, p)
+        s, t, square = nearest(segments, blunt)
+        far = sqrt(square)
+        deep, wide = depth(far - chain.diameter), load(ends, LONG, p)
+        z = load(pair, 1, p), load(pair, 2, p), load(pair, 3, p)
+        push = -chain.law[STIFFNESS] * deep
+        f = combined(push / (far + TINY), between(segments, s, t), -chain.law[BRISTLE], z)
+        for k in range(min(LANES, values.shape[0] - p)):
+            if lane(deep, k) < 0.0:
+                a, _, i, _ = pair_of(cable, pair[0, p + k])
+                row = values[p + k]
+                row[0] = lane(wide, k)
+                row[1] = chain.arc[a] + (i + lane(s, k)) * chain.length[a]
+                for d in range(3):
+                    row[2 + d] = lane(wide, k) * lane(f[d], k)

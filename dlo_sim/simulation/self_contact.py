@@ -1,0 +1,263 @@
+"""The cable and itself: the numbers of `engine.self_contact`, and how near it comes to itself."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import bspline
+from dlo_sim.engine import self_contact
+from dlo_sim.engine.arrays import SELF, CableArrays
+from dlo_sim.scene.description import EARTH, Scene
+from dlo_sim.scene.loading import SceneError
+from dlo_sim.simulation.arrays import to_blocks
+from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.obstacles import (
+    BRISTLE_DAMPED,
+    BRISTLES,
+    DAMPED,
+    THROWN_DEPTH,
+    Contact,
+    rests_damped,
+    values_of_spans,
+)
+
+Array = NDArray[np.float64]
+SEGMENT = 0.5  # length of a segment in diameters, of the longest span
+# Penetration by the weight of the whole cable on one segment, in diameters: less than into
+# obstacles, since the Newton matrix, which contains the couplings, makes stiff contact no dearer.
+HUNG_DEPTH = 0.0025
+MOST_SEGMENTS = 16  # of a span
+APART = 1.6  # along the cable, in diameters: half the smallest ring that a round cable can form
+
+
+def segments_of(scene: Scene, knots: Array) -> int:
+    """Segments of a knot span."""
+    longest = float(np.diff(bspline.breaks(knots)).max())
+    return min(math.ceil(longest / (SEGMENT * scene.cable.diameter)), MOST_SEGMENTS)
+
+
+def stiffness(scene: Scene, segment: float) -> float:
+    """Contact force per length of cable and penetration [N/m^2]: as given, or such that neither the
+    weight of the whole cable on one segment nor a throw presses the cable in far.
+    """
+    if scene.contact.stiffness:
+        return scene.contact.stiffness
+    cable = scene.cable
+    hung = cable.mu * EARTH * cable.length / (segment * HUNG_DEPTH * cable.diameter)
+    thrown = cable.mu * (scene.inputs.max_speed / (THROWN_DEPTH * cable.diameter)) ** 2
+    return max(hung, thrown)
+
+
+def law(scene: Scene, segment: float) -> tuple[float, ...]:
+    """k, c, k_t, c_t and mu (`engine.contact`)."""
+    k, mu = stiffness(scene, segment), scene.cable.mu
+    share = scene.contact.damping
+    if share < 0.0:
+        share = DAMPED if rests_damped(scene) else 0.0
+    tangential = BRISTLES * k
+    return (
+        k,
+        2.0 * share * math.sqrt(k * mu),
+        tangential,
+        BRISTLE_DAMPED * math.sqrt(tangential * mu),
+        scene.contact.friction,
+    )
+
+
+def fill(scene: Scene, arrays: CableArrays, knots: Array) -> None:
+    """Constants of the contact of the cable of a scene with itself."""
+    chain, diameter = arrays.chain, scene.cable.diameter
+    chain.segments = count = arrays.sizes["segments"]
+    ends = bspline.breaks(knots)
+    lengths = np.diff(ends)
+    xi = np.tile(2.0 * np.arange(count + 1) / count - 1.0, (len(lengths), 1))
+    chain.basis[:] = to_blocks(values_of_spans(knots, xi))
+    chain.arc[: len(lengths)], chain.length[: len(lengths)] = ends[:-1], lengths / count
+    chain.diameter, chain.apart = diameter, APART * diameter
+    chain.law[:] = law(scene, float(lengths.max()) / count)
+
+
+# -- how near it comes to itself -----------------------------------------------------------------
+
+EVERY = 0.01  # [s] between two looks
+STRAIGHT = 0.7  # of the length between two places, above which their distance says nothing
+NEIGHBOURS = 3  # spans along the cable that are not compared unless it turns by 60 degrees there
+PLACES = 9  # of a span, that are compared before the nearest is refined
+_XI = np.linspace(-1.0, 1.0, PLACES)
+DEEP = 0.5  # diameters, inside itself, in which no cable may begin
+
+
+class Nearest(NamedTuple):
+    """Where two places of a cable that are apart along it come nearest.
+
+    Attributes:
+        clearance: gap between the surfaces [m], negative where they overlap. u: material
+            coordinates of both places [m].
+    """
+
+    clearance: float
+    u: tuple[float, float]
+
+
+@lru_cache(maxsize=8)
+def _polynomials(knots: bytes) -> tuple[Array, Array]:
+    """Of every span: powers of xi by control point, shape (spans, 4, 4), and both ends [m]."""
+    vector = np.frombuffer(knots)
+    ends = bspline.breaks(vector)
+    return bspline.span_polynomials(vector), np.stack((ends[:-1], ends[1:]), axis=1)
+
+
+_POWERS = _XI[:, None] ** np.arange(bspline.ACTIVE)
+
+
+def nearest(model: Model, points: Array, diameter: float, limit: float = math.inf) -> Nearest:
+    """Where a cable at control points (n, 3 or 4) is nearest to itself, to a hundredth of its
+    diameter, but for neighbouring places and those with a nearly straight cable between them;
+    infinitely far if there are no others, or if all clearances exceed `limit`.
+    """
+    polynomials, ends = _polynomials(model.knots.tobytes())
+    apart, spans = APART * diameter, len(ends)
+    hulls = np.stack([points[k : spans + k, :3] for k in range(bspline.ACTIVE)], axis=1)
+    middle = hulls.mean(axis=1)
+    size = np.sqrt(((hulls - middle[:, None]) ** 2).sum(axis=2).max(axis=1))
+    first, second = np.triu_indices(spans)
+    gaps = np.linalg.norm(middle[first] - middle[second], axis=1) - size[first] - size[second]
+    edges = np.diff(points[:, :3], axis=0)
+    edges /= np.linalg.norm(edges, axis=1)[:, None] + 1e-300
+    turned = np.einsum("kd,kd->k", edges[first], edges[second + 2]) < 0.5
+    possible = (gaps < limit + diameter) & (ends[second, 1] - ends[first, 0] > apart)
+    possible &= turned | (second > first + NEIGHBOURS)
+    first, second = first[possible], second[possible]
+    if not len(first):
+        return Nearest(math.inf, (0.0, float(ends[-1, 1])))
+    shapes = np.einsum("skp,skd->spd", polynomials, hulls)
+    line, u = _POWERS @ shapes, 0.5 * (ends @ np.stack((1.0 - _XI, 1.0 + _XI)))
+    far = _distances(line[first], line[second], u[first], u[second], apart)
+    k, i, j = np.unravel_index(int(np.argmin(far)), far.shape)
+    a, b, step = int(first[k]), int(second[k]), 2.0 / (PLACES - 1)
+    best, places = (float(_XI[i]), float(_XI[j])), (float(u[a, i]), float(u[b, j]))
+    while step * (ends[a, 1] - ends[a, 0]) > 0.02 * diameter:
+        around = np.linspace(-step, step, PLACES)
+        tried = [np.clip(place + around, -1.0, 1.0) for place in best]
+        lines = [
+            (xi[:, None] ** np.arange(bspline.ACTIVE)) @ shapes[span]
+            for xi, span in zip(tried, (a, b), strict=True)
+        ]
+        at = [
+            ends[span] @ np.stack((0.5 * (1.0 - xi), 0.5 * (1.0 + xi)))
+            for xi, span in zip(tried, (a, b), strict=True)
+        ]
+        far = _distances(lines[0][None], lines[1][None], at[0][None], at[1][None], apart)
+        _, i, j = np.unravel_index(int(np.argmin(far)), far.shape)
+        best, step = (float(tried[0][i]), float(tried[1][j])), step / 3.0
+        places = float(at[0][i]), float(at[1][j])
+    return Nearest(math.sqrt(far.min()) - diameter, places)
+
+
+def _distances(one: Array, other: Array, u: Array, v: Array, apart: float) -> Array:
+    """Squared distances of places (k, p, 3) at coordinates u, v (k, p), shape (k, p, p); infinite
+    where these are nearer than `apart`, or the cable between them is nearly straight.
+    """
+    squares = np.sum(one * one, axis=2)[:, :, None] + np.sum(other * other, axis=2)[:, None]
+    far = np.maximum(squares - 2.0 * one @ np.swapaxes(other, 1, 2), 0.0)
+    between = np.abs(u[:, :, None] - v[:, None])
+    return np.where((between < apart) | (far > (STRAIGHT * between) ** 2), math.inf, far)
+
+
+class Watch:
+    """Counts how often a cable without contact with itself is nearer to itself than it is thick."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin at time 0."""
+        self.looks = self.close = 0
+        self.since = -math.inf  # time of the last look [s]
+        self.first = 0.0  # time at which it was close first [s]
+        self.least = Nearest(math.inf, (0.0, 0.0))
+
+    def look(self, model: Model, x: Array, diameter: float, time: float) -> None:
+        """Look at control points, a line of shape (n,) by axis of the motion, if it is time to."""
+        if time < self.since + EVERY:
+            return
+        self.since = time
+        self.looks += 1
+        points = np.zeros((model.n, 3))
+        points[:, : len(x)] = x.T
+        found = nearest(model, points, diameter, limit=0.0)
+        if found.clearance < 0.0:
+            self.first = self.first if self.close else time
+            self.close += 1
+        if found.clearance < self.least.clearance:
+            self.least = found
+
+    @property
+    def warning(self) -> str:
+        """One line if it was, else empty."""
+        if not self.close:
+            return ""
+        least, (a, b) = self.least
+        return (
+            f"contact.self: off, so the cable passes through itself: first at {self.first:.3g} s, "
+            f"in {self.close} of {self.looks} looks, up to {-least:.2g} m deep (at {a:.3g} m and "
+            f"{b:.3g} m); set it to on"
+        )
+
+
+def warning(cable: Cable) -> str:
+    """One line about what the contact of a cable with itself could not bear, else empty."""
+    account = cable.account
+    lines = []
+    if account.crossed:
+        lines.append(f"it passed through itself in {account.crossed:.0f} steps")
+    if account.pairs_lost:
+        lines.append(f"{account.pairs_lost:.0f} pairs of segments were left out")
+    return f"contact.self: {' and '.join(lines)}; use a smaller integrator.step" if lines else ""
+
+
+def check_start(scene: Scene, cable: Cable) -> None:
+    """Refuse a cable that begins inside itself.
+
+    Raises:
+        SceneError: naming the key and the cure.
+    """
+    if not cable.model.has(SELF):
+        return
+    found = nearest(cable.model, cable.points, scene.cable.diameter)
+    if found.clearance < -DEEP * scene.cable.diameter:
+        raise SceneError(
+            f"contact.self: the cable begins {-found.clearance:.3g} m inside itself, at "
+            f"{found.u[0]:.3g} m and {found.u[1]:.3g} m; move its ends apart or set it to off"
+        )
+
+
+def contact_with_itself(cable: Cable, diameter: float) -> Contact:
+    """Where a cable touches itself at the present configuration, each place on the first of the two
+    strands. `force` is half the sum of the sizes of all forces, in no direction: those on both
+    strands cancel. The friction is that of the bristles, without their damping.
+    """
+    model, count = cable.model, int(cable.account.pairs)
+    rows = np.zeros((count, 7))
+    cable.call(self_contact.report, rows)
+    rows = rows[rows[:, 0] > 0.0]
+    forces, points = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
+    forces[:, list(model.axes)] = rows[:, 2 : 2 + len(model.axes)]
+    points = bspline.evaluate(cable.points[:, :3], model.knots, rows[:, 1]) + model.origin
+    sizes = np.linalg.norm(forces, axis=1)
+    return Contact(
+        clearance=nearest(model, cable.points, diameter).clearance,
+        force=np.zeros(3),
+        pressure=float((sizes / np.maximum(rows[:, 0], 1e-300)).max(initial=0.0)),
+        u=rows[:, 1],
+        points=points,
+        forces=forces,
+        passes=np.zeros(0),
+        tensions=np.zeros(0),
+    )

@@ -1,0 +1,206 @@
+"""Contact of the cable with itself: exact balances, nothing passes through, refusals, warnings."""
+
+import warnings
+
+import numpy as np
+import pytest
+from cables import scene_of, simulator
+
+from dlo_sim.core import bspline, mass, rotations
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.scene.loading import SceneError
+from dlo_sim.simulation.selection import is_implicit
+
+DIAMETER, COUNT = 0.005, 26
+CABLE = {
+    "cable.diameter": DIAMETER,
+    "cable.linear_density": 0.05,
+    "cable.axial_stiffness": 500.0,
+    "cable.bending_stiffness": 1e-3,
+    "discretization.control_points": COUNT,
+    "gravity": [0.0, 0.0, 0.0],
+    "terms.twist": "off",
+    "terms.out_of_plane": "on",
+    "contact.self": "on",
+}
+FREE = {"start.fixed": [False] * 3, "end.fixed": [False] * 3}
+HELD = {"start.fixed": [True] * 3, "end.fixed": [True] * 3}
+DAMPED = {"damping.air_drag": 0.05, "damping.stretch": 1e-3, "damping.bend": 2e-3}
+
+
+def along(path, *values, step=1e-3, method="energy_momentum"):
+    """A simulator of a cable at rest along a path of dense points, of its length, and its control
+    points."""
+    s = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
+    u = np.linspace(0.0, s[-1], 20 * COUNT)
+    dense = np.stack([np.interp(u, s, path[:, k]) for k in range(3)], axis=1)
+    basis = bspline.evaluate(np.eye(COUNT), bspline.clamped_knots(COUNT, s[-1]), u)
+    points = np.linalg.lstsq(basis, dense, rcond=None)[0]
+    held = {
+        "cable.length": float(s[-1]),
+        "start.position": points[0].tolist(),
+        "end.position": points[-1].tolist(),
+    }
+    sim = simulator(CABLE, held, *values, step=step, method=method)
+    sim.start_from(np.hstack([points, np.zeros((COUNT, 1))]))
+    return sim, points
+
+
+def hairpin():
+    """Two strands 3 cm apart in y that cross seen along y, joined by half a circle at x = 0."""
+    t, angle = np.linspace(0.0, 1.0, 400)[:, None], np.linspace(0.5, -0.5, 200)[:, None] * np.pi
+    one = np.hstack((0.15 * t - 0.15, 0.0 * t + 0.015, 0.03 * np.sin(np.pi * t)))
+    bend = 0.015 * np.hstack((np.cos(angle), np.sin(angle), 0.0 * angle))
+    other = np.hstack((-0.15 * t, 0.0 * t - 0.015, -0.04 * np.sin(2.0 * np.pi * t)))
+    return np.vstack((one, bend, other))
+
+
+def thrown(*values, speed=1.0, step=2e-4):
+    """The free hairpin, whose strands are thrown at each other."""
+    sim, points = along(hairpin(), FREE, *values, step=step)
+    inward = np.tanh(points[:, 1] / 0.008) * np.clip((-0.02 - points[:, 0]) / 0.05, 0.0, 1.0)
+    rates = np.zeros((COUNT, 4))
+    rates[:, 1], rates[:, 0] = -speed * inward, 0.1
+    sim.start_from(np.hstack([points, np.zeros((COUNT, 1))]), rates)
+    return sim
+
+
+def overhand():
+    """An open trefoil with straight tails."""
+    t = np.linspace(-2.05, 2.05, 2000)
+    x, y = 0.012 * (t**3 - 3.0 * t), 0.0096 * (t**4 - 4.0 * t**2)
+    knot = np.stack((x, y, 0.006 * (t**5 - 10.0 * t)), axis=1)
+    s = np.linspace(0.0, 0.08, 100)[:, None]
+    ends = knot[0] - knot[1], knot[-1] - knot[-2]
+    before, after = (end / np.linalg.norm(end) for end in ends)
+    return np.vstack((knot[0] + s[:0:-1] * before, knot, knot[-1] + s[1:] * after))
+
+
+def momenta(sim):
+    """Momentum and angular momentum."""
+    flow = mass.dense(sim.model.mass(0)) @ sim.velocities[:, :3]
+    return flow.sum(axis=0), np.cross(sim.control_points[:, :3], flow).sum(axis=0)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.4])
+def test_strands_that_collide_keep_momentum_and_account(friction):
+    """Pressure keeps the angular momentum, too."""
+    exact = {"contact.friction": friction, "contact.damping": 0.0, "integrator.tolerance": 1e-11}
+    sim = thrown(exact)
+    flow, spin = momenta(sim)
+    touched = 0.0
+    for _ in range(50):
+        assert sim.advance(0.0004).status.ok
+        touched = max(touched, sim.energy().contact)
+        now, turned = momenta(sim)
+        np.testing.assert_allclose(now, flow, atol=1e-12 * np.linalg.norm(flow))
+        if friction == 0.0:
+            np.testing.assert_allclose(turned, spin, atol=1e-11 * np.linalg.norm(spin))
+    assert touched > 1e-6
+    assert sim.energy_error < 1e-8
+    lost = float(sim.cable.account.dissipated)
+    assert (lost > 1e-5) if friction else (lost == 0.0)
+    assert sim.cable.account.crossed == 0.0
+    assert sim.clearance_to_itself > -DIAMETER
+
+
+def test_only_contact_keeps_strands_from_passing():
+    """Seen along y, the strands that cross keep their order at 10 m/s, and lose it without."""
+
+    def order(settings):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            sim = thrown(settings, DAMPED, speed=10.0, step=5e-4)
+            assert sim.advance(0.006).status.ok
+        line = sim.centerline(np.linspace(0.0, sim.scene.cable.length, 600))
+        one, other = line[:250], line[350:]
+        apart = np.linalg.norm((one[:, None] - other)[:, :, [0, 2]], axis=2)
+        a, b = np.unravel_index(np.argmin(apart), apart.shape)
+        return sim, one[a, 1] - other[b, 1]
+
+    sim, between = order({})
+    assert between > 0.5 * DIAMETER
+    assert sim.cable.account.crossed == sim.cable.account.pairs_lost == 0.0
+    sim, between = order({"contact.self": "off"})
+    assert between < -0.5 * DIAMETER
+
+
+def test_a_knot_is_tightened():
+    """The ends of an overhand knot are pulled apart: it locks, and nothing passes through."""
+    sim, points = along(overhand(), HELD, DAMPED, {"contact.friction": 0.2})
+    out = points[-1] - points[0]
+    out *= 0.2 / np.linalg.norm(out)
+    for name, place, way in (("start", points[0], -out), ("end", points[-1], out)):
+        motion = EndMotion(
+            start=0.0,
+            duration=1.0,
+            position=place,
+            orientation=rotations.IDENTITY,
+            velocity=way,
+        )
+        sim.set_motion(name, motion)
+    pulled, iterations, steps = [], 0, 0
+    for _ in range(5):
+        report = sim.advance(0.05)
+        assert report.status.ok
+        iterations, steps = iterations + report.force_evaluations, steps + report.steps
+        pulled.append(np.linalg.norm(sim.reaction("end")[0]))
+        assert sim.clearance_to_itself > -0.02 * DIAMETER
+    assert pulled[-1] > 2.0 * pulled[1] > 0.1
+    # with couplings in the matrix 5, without them 14 and halved steps
+    assert iterations < 9 * steps
+    assert sim.energy_error < 1e-5
+    found = sim.contacts["itself"]
+    assert len(found.u) > 10
+    assert found.total > pulled[-1]
+    np.testing.assert_allclose(found.points, sim.centerline(found.u), atol=1e-12)
+
+
+def test_a_snapshot_continues_bit_for_bit():
+    sim = thrown({"contact.friction": 0.4})
+    sim.advance(0.0104)
+    assert sim.energy().contact > 0.0
+    kept = sim.snapshot()
+    sim.advance(0.002)
+    sim.advance(0.002)
+    ended = sim.control_points
+    sim.restore(kept)
+    sim.advance(0.004)
+    assert (sim.control_points == ended).all()
+
+
+def test_what_is_far_from_itself_is_as_without():
+    """The same bits, and no pair is looked at."""
+    values = {"start.position": [0.0] * 3, "end.position": [0.2, 0.0, 0.0], "cable.length": 0.3}
+    sims = [simulator(CABLE, values, {"contact.self": one}, step=1e-3) for one in ("on", "off")]
+    for sim in sims:
+        sim.set_end("end", [0.18, 0.05, 0.0])
+        sim.advance(0.2)
+    assert (sims[0].control_points == sims[1].control_points).all()
+    assert sims[0].cable.account.pairs == 0.0
+
+
+def test_without_it_passing_through_is_counted():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sim = thrown({"contact.self": "off"}, DAMPED, speed=1.0)
+        for _ in range(6):
+            sim.advance(0.005)
+    assert sim.left_out["self_contact"] == "contact.self is not on"
+    (line,) = [line for line in sim.warnings if line.startswith("contact.self: off")]
+    assert "first at 0.015 s, in 1 of 3 looks, up to 0.0039 m deep" in line
+
+
+@pytest.mark.parametrize("method", ["velocity_verlet", "rattle", "energy_momentum_4"])
+def test_methods_without_it_are_refused(method):
+    with pytest.raises(SceneError, match=f"{method} is not valid with contact.self on"):
+        simulator(CABLE, {"end.position": [0.5, 0.0, 0.0]}, method=method)
+
+
+def test_a_cable_that_begins_inside_itself_is_refused():
+    with pytest.raises(SceneError, match="contact.self: the cable begins 0.004 m inside itself"):
+        simulator(CABLE, HELD, {"end.position": [0.001, 0.0, 0.0]}, step=1e-3)
+
+
+def test_auto_chooses_an_implicit_method():
+    assert is_implicit(scene_of(CABLE, {"end.position": [0.5, 0.0, 0.0]}))
