@@ -99,23 +99,25 @@ class Cable:
         self.account.load_work += pending
         self._forget_history()
 
-    def _touched(self) -> dict[Obstacle, tuple[Array, Samples]]:
-        """Motion and bristles of every obstacle."""
+    def _touched(self) -> dict[Obstacle, tuple[Array, Array, Samples]]:
+        """Motion, yielding and bristles of every obstacle."""
         contact, bristles = self.arrays.contact, np.array(self.arrays.state.bristle)
         samples = [(one, contact.coarse, contact.pieces) for one in bristles]
-        rows = zip(self.obstacles.copy(), samples, strict=True)
+        yielded = self.arrays.state.yielded.copy()
+        rows = zip(self.obstacles.copy(), yielded, samples, strict=True)
         return dict(zip(self.model.obstacles, rows, strict=False))
 
-    def _touch(self, before: Mapping[Obstacle, tuple[Array, Samples]]) -> None:
+    def _touch(self, before: Mapping[Obstacle, tuple[Array, Array, Samples]]) -> None:
         """Continue what was before with the obstacles that there are still; the others rest in
         their places.
         """
-        bristles, pieces = np.asarray(self.arrays.state.bristle), self.arrays.contact.pieces
+        state, pieces = self.arrays.state, self.arrays.contact.pieces
+        bristles = np.asarray(state.bristle)
         for k, (obstacle, place) in enumerate(self.model.obstacles.items()):
             if k < len(self.obstacles):
                 self.obstacles[k] = place
                 if obstacle in before:
-                    self.obstacles[k], kept = before[obstacle]
+                    self.obstacles[k], state.yielded[k], kept = before[obstacle]
                     bristles[k] = resampled(*kept, pieces)
 
     def _begin_slides(self) -> None:

@@ -124,3 +124,18 @@ def test_unknown_ones_and_explicit_methods_are_refused():
         lying(**{"integrator.method": "velocity_verlet", "contact.markers": 4})
     with pytest.raises(ValueError, match="contact.markers: 4 obstacles would do nothing"):
         lying(**{"terms.contact": "off", "contact.markers": 4})
+
+
+def test_an_obstacle_that_yields_goes_on_when_a_grasp_takes_the_cable():
+    """Taking makes all arrays anew."""
+    sim = lying(**{"grasps.names": ["hand"], "grasps.hand.taken": False})
+    sim.add_obstacles([TABLE])
+    sim.advance(0.2)
+    sim.set_obstacle("table", [0.0, 0.0, 0.05])
+    sim.advance(0.05)
+    before = sim.cable.arrays.state.yielded.copy()
+    assert before.max() > 0.03
+    sim.take("hand")
+    assert np.array_equal(sim.cable.arrays.state.yielded, before)
+    sim.advance(0.05)
+    assert np.linalg.norm(sim.velocities[:, :3], axis=1).max() < 2.0
