@@ -34,6 +34,7 @@ from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
 Samples = tuple[Array, int, int]  # values of the groups of samples, `Contact.coarse` and `pieces`
+TINY = 1e-300
 CREEP = 1e-6  # cable lengths per second; the account's floor is the energy of such a motion
 
 
@@ -298,6 +299,33 @@ class Cable:
         """Plastic flow at the present shape."""
         if self.model.has(PLASTICITY):
             self.call(flow_to_present)
+
+    def take_over_samples(self, other: Cable) -> None:
+        """Take over another cable's plastic curvature, and its natural shape where that follows the
+        material frame, linear between its samples.
+        """
+        ours, theirs = self.model, other.model
+        order = np.argsort(theirs.sample_shares, axis=None, kind="stable")
+        order = order[theirs.rule.weights.ravel()[order] != 0.0]
+
+        def here(values: Array) -> Array:
+            rows, shares = values.reshape(-1, values.shape[-1])[order], theirs.sample_shares
+            known = shares.ravel()[order]
+            columns = [np.interp(ours.sample_shares, known, column) for column in rows.T]
+            return np.stack(columns, axis=-1)
+
+        if theirs.has(PLASTICITY) and ours.has(PLASTICITY):
+            plastic = here(other.plastic)
+            # p / (1 - h), from which strands have slipped, stays.
+            plastic[..., :3] *= (1.0 - ours.elastic_share) / (1.0 - theirs.elastic_share)
+            self.plastic = plastic
+            self.flow()
+        if theirs.has(MATERIAL) and ours.has(MATERIAL):
+            natural = other.natural
+            natural[..., :3] /= np.maximum(theirs.elastic_share * theirs.moment_weights, TINY)
+            natural = here(natural)
+            natural[..., :3] *= ours.elastic_share * ours.moment_weights
+            self.natural = natural
 
     def open_frame(self) -> None:
         """From now on measure the twist angles in the Bishop frame of the present shape."""

@@ -87,7 +87,6 @@ from dlo_sim.simulation.soundness import judged, unexplained_stretch
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.statics import place
 from dlo_sim.simulation.stepper import Stepper
-from dlo_sim.simulation.transfer import carry_samples
 
 Array = NDArray[np.float64]
 Basis = tuple[NDArray[np.int64], Array, Array]
@@ -1205,7 +1204,7 @@ class Simulator:
         self._ends.put(points, 0.0)
         self.cable.point_grasps(0.0)
         self.cable.put(points, rates, 0.0)
-        carry_samples(other.cable, self.cable)
+        self.cable.take_over_samples(other.cable)
         if self._natural.follows and not self._natural.equals(other._natural):
             self._lay_natural_shape()
         self.cable.flow()

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from branches import Joint, joined
 from cables import scene_of
 
 from dlo_sim.core import bspline
 from dlo_sim.core.methods import METHODS
-from dlo_sim.simulation.branches import Joint, joined
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.simulation.stepper import Stepper
