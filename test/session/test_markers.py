@@ -144,6 +144,23 @@ def test_a_state_keeps_them(tmp_path):
     assert not again.simulator.scene.bodies
 
 
+@pytest.mark.parametrize("estimate", ["off", "on"])
+def test_a_change_of_parameters_keeps_them(estimate):
+    session = session_of(**{"accuracy.estimate": estimate})
+    run(session, drawn(0.0, 0.5, 0.1), 0.55)
+    prepared = session.prepare(session.scene.with_values({"damping.mass": 2.0}))
+    run(session, [(0.55, plate(1, (0.0, 0.5, 0.0)))], 0.65, begin=0.55)  # meanwhile
+    place = session.simulator.end_pose("cell/0")[0]
+    session.reconfigure(session.scene.with_values({"damping.mass": 2.0}), prepared)
+    assert session.simulator.scene.damping.mass == 2.0
+    np.testing.assert_allclose(session.simulator.end_pose("cell/0")[0], place, atol=1e-12)
+    run(session, [(0.7, plate(position=(0.05, 0.0, -0.03)))], 1.2, begin=0.65)
+    simulator = session.simulator
+    assert [one.name for one in simulator.scene.added] == ["cell/0", "cell/1"]
+    assert simulator.contact("cell/0").force[2] == pytest.approx(weight(session), rel=2e-2)
+    assert simulator.end_pose("cell/0")[0][0] == pytest.approx(0.05)
+
+
 def test_they_live_as_long_as_they_say_and_go_all_at_once():
     session = session_of()
     run(
