@@ -326,6 +326,23 @@ def distance(cable, o, y):
     return field_distance(cable, o, y)
 
 
+@part
+def distance_begun(cable, o, g, y, rate, there):
+    """`distance` of the samples of a group at their places y at the start of a step, without its
+    last entry: computed once in a step. With rate 0 it is that at the end.
+    """
+    kept = cable.work.begun[o, g]
+    if rate == 0.0:
+        return there[0], there[1], there[2]
+    if cable.contact.core[o] == HALF_SPACE:
+        return y[2], there[1], there[2]
+    if cable.work.begun_known[o, g] == 0.0:
+        d, n, f, _ = distance(cable, o, y)
+        kept[0], kept[1], kept[2], kept[3], kept[4] = d, n[0], n[1], n[2], f
+        cable.work.begun_known[o, g] = 1.0
+    return kept[0], (kept[1], kept[2], kept[3]), kept[4]
+
+
 # -- samples of the cable ------------------------------------------------------------------------
 
 
@@ -495,7 +512,7 @@ def add_force(cable, springs, rate, most, rubs, x0, x1, out):
                     lost += stored
                     kept = kept - stored
                 continue
-            here = distance(cable, o, y0)
+            here = distance_begun(cable, o, g, y0, rate, there)
             gaps, n, elastic, p, _, _, jumped, deep = pressure(cable, o, rate, here, there, dy)
             jumps += where(w, jumped, 0.0)
             depths += where(w, deep, 0.0)
@@ -606,7 +623,8 @@ def add_tangent(cable, rate, rubs, x0, x1, scale, band):
             dy, there = combined(1.0, y1, -1.0, y0), distance(cable, o, y1)
             if misses(contact, o, there, dy):
                 continue
-            found = pressure(cable, o, rate, distance(cable, o, y0), there, dy)
+            here = distance_begun(cable, o, g, y0, rate, there)
+            found = pressure(cable, o, rate, here, there, dy)
             if lane_sum(found[3]) == 0.0:
                 continue
             z = vector_of(state.bristle[o, g])
@@ -803,6 +821,9 @@ def begin(cable, t0, tau, way, x):
         balance.contact_way = 0.0
         find_near(cable, x, balance.contact_margin)
     balance.contact_carried = carried
+    for o in range(cable.contact.count):
+        for k in range(int(cable.state.near_count[o])):
+            cable.work.begun_known[o, int(cable.state.near[o, k])] = 0.0
 
 
 @part

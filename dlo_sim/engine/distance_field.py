@@ -28,6 +28,9 @@ NEAR = 2  # cells around a triangle in which all distances from it are computed
 SWEEPS = 2  # in each of the eight directions
 BESIDE = 1.3e-5, 2.9e-5  # of a cell: how far rays are beside the grid lines
 FAR = 1e30  # [m^2]
+# Cells by which a coefficient at the nearest grid point may exceed the distance of a point: 0.87
+# for the way between them, the rest since coefficients are not values.
+ROUGH = 1.6
 
 
 @part
@@ -190,6 +193,20 @@ def set_outside(found, numbers, at, y0, y1, y2):
 
 
 @part
+def set_rough(found, field, at, first, along, across, bound):
+    """A lower bound of the distance, with the gradient at the nearest grid point, in lane `at`: for
+    points that do not touch.
+    """
+    n0 = field[first + across] - field[first - across]
+    n1, n2 = field[first + along] - field[first - along], field[first + 1] - field[first - 1]
+    inverse = 1.0 / np.sqrt(n0 * n0 + n1 * n1 + n2 * n2 + 1e-30)
+    found[0, at], found[1, at] = bound, n0 * inverse
+    found[2, at], found[3, at] = n1 * inverse, n2 * inverse
+    for entry in range(4, 10):
+        found[entry, at] = 0.0
+
+
+@part
 def set_inside(found, field, begin, shape, at, fineness, place):
     """Distance, gradient and curvature from the spline at a place (3) on the grid, in lane `at`."""
     i, j, k = int(place[0]), int(place[1]), int(place[2])
@@ -219,10 +236,10 @@ def set_inside(found, field, begin, shape, at, fineness, place):
 @piece(void, CABLE, int64, terms=MESHED)
 def look_up(cable, o):
     """Signed distance [m], gradient (3) and second derivatives xx, yy, zz, xy, xz, yz [1/m] at the
-    places in the rows 0 to 2 of `work.looked`, in its rows 0 to 9.
+    places in the rows 0 to 2 of `work.looked`, in its rows 0 to 9; a lower bound beyond the reach.
     """
     contact, found = cable.contact, cable.work.looked
-    numbers, shape = contact.field[o], contact.field_shape[o]
+    numbers, shape, field = contact.field[o], contact.field_shape[o], contact.field_values
     for at in range(LANES):
         y0, y1, y2 = found[0, at], found[1, at], found[2, at]
         place = (
@@ -232,7 +249,14 @@ def look_up(cable, o):
         )
         inside = 1.0 <= place[0] < shape[0] - 2 and 1.0 <= place[1] < shape[1] - 2
         if inside and 1.0 <= place[2] < shape[2] - 2:
-            set_inside(found, contact.field_values, shape[3], shape, at, numbers[FINENESS], place)
+            i, j, k = int(place[0] + 0.5), int(place[1] + 0.5), int(place[2] + 0.5)
+            across, fineness = shape[1] * shape[2], numbers[FINENESS]
+            first = shape[3] + i * across + j * shape[2] + k
+            bound = field[first] - ROUGH / fineness
+            if bound > contact.reach[o]:
+                set_rough(found, field, at, first, shape[2], across, bound)
+            else:
+                set_inside(found, field, shape[3], shape, at, fineness, place)
         else:
             set_outside(found, numbers, at, y0, y1, y2)
 

@@ -333,6 +333,23 @@ def passes(cable: Cable, obstacle: Obstacle, pose: tuple[Array, Array]) -> Array
     return np.asarray(low[np.hypot(x, y) < opening])
 
 
+def thin_warning(scene: Scene) -> str:
+    """One line if samples of the cable are further apart than an obstacle is thick, else empty."""
+    if not scene.touches:
+        return ""
+    spans = scene.discretization.control_points - bspline.DEGREE
+    apart = scene.cable.length / (spans * LANES * max(pieces_of(scene), 1))
+    for obstacle in scene.bodies:
+        _, half, reach = core_of(obstacle, 0.5 * scene.cable.diameter)
+        if obstacle.shape != "plane" and apart > 2.0 * (min(half) + reach):
+            needed = math.ceil(spans * apart / (2.0 * (min(half) + reach))) + bspline.DEGREE
+            return (
+                f"obstacles.{obstacle.name}: may pass between samples of the cable, which are "
+                f"{apart:.3g} m apart; raise discretization.control_points to {needed} or more"
+            )
+    return ""
+
+
 def jump_warning(name: str, count: int, depth: float) -> str:
     """One line about an obstacle that jumped into the cable."""
     times = "once" if count == 1 else f"{count} times"

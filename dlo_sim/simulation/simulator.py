@@ -238,6 +238,7 @@ class Simulator:
         lines = (
             coiling_warning(self.scene, self.cable),
             balance_warning(self.choice.method, tolerance, error),
+            obstacles.thin_warning(self.scene),
             obstacles.depth_warning(self.scene, float(account.contact_deep)),
             *(obstacles.jump_warning(name, *jumps) for name, jumps in self._jumps.items()),
             *(

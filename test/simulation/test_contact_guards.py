@@ -152,3 +152,15 @@ def test_a_cable_pinned_inside_a_body_stays_finite():
         assert report.status.advanced, report.message
     assert np.isfinite(sim.control_points).all()
     assert "obstacles.body: jumped into the cable once" in sim.warnings[0]
+
+
+def test_an_obstacle_that_is_thinner_than_the_samples_is_told():
+    """Of 1 m of cable with 9 control points, 32 samples of a span are 5.2 mm apart."""
+    pin = {"obstacles.body.shape": "cylinder", "obstacles.body.size": [1e-3, 1e-3, 0.1]}
+    pin |= {"cable.length": 1.0, "cable.diameter": 1e-3, "end.position": [0.85, 0.0, RADIUS]}
+    (line,) = lying(pin, {"discretization.control_points": 9}).warnings
+    assert line.startswith(
+        "obstacles.body: may pass between samples of the cable, which are 0.00521"
+    )
+    assert line.endswith("raise discretization.control_points to 19 or more")
+    assert not lying(pin, {"discretization.control_points": 19}).warnings
