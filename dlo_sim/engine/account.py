@@ -58,8 +58,7 @@ def raise_floor(cable):
 def count_torsion(cable):
     """Update the counts of samples whose torsion is suppressed (`engine.torsion`)."""
     if cable.terms & TORSION:
-        balance = cable.state.balance
-        count = undefined_torsion(cable, cable.state.x)
+        balance, count = cable.state.balance, undefined_torsion(cable, cable.state.x)
         balance.torsion_looks += 1.0
         balance.torsion_sum += count
         balance.torsion_last = count

@@ -1,11 +1,15 @@
-"""Forces and energies of a scene, as the methods call them: the basic terms, then the optional
-ones, whose functions do nothing for a cable without the term. A new term is added here;
-`engine.term` has the signatures of its functions.
+"""Forces and energies of a scene, as the methods call them: stretching, bending, twisting theta'^2,
+weight and springs, then the optional terms, whose functions do nothing for a cable without the
+term. A new term is added here; `engine.term` has the signatures of its functions.
 """
 
 from __future__ import annotations
 
-from dlo_sim.compiling.pieces import part
+from numba import void
+
+from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.lanes import LANES, fabs, lane_sum, zero
+from dlo_sim.compiling.pieces import NO, YES, part, piece
 from dlo_sim.engine import (
     bishop,
     contact,
@@ -17,16 +21,50 @@ from dlo_sim.engine import (
     sliding,
     torsion,
 )
-from dlo_sim.engine.arrays import BISHOP, PLASTICITY
-from dlo_sim.engine.elastic import add_tangent, discrete_force
-from dlo_sim.engine.forces import energies, forces
+from dlo_sim.engine.arrays import (
+    BENDING,
+    BISHOP,
+    CABLE,
+    ENERGIES,
+    GRAVITY,
+    LINES,
+    MARGIN,
+    MATERIAL,
+    PLASTICITY,
+    SPRING,
+    STRETCHING,
+    TWISTED,
+    TWISTING,
+    VECTOR,
+    WEIGHT,
+)
+from dlo_sim.engine.elastic import add_tangent, discrete_force, elastic_energy, elastic_force
+from dlo_sim.engine.lines import add_differences, difference_form
+from dlo_sim.engine.natural_curvature import natural_force
+from dlo_sim.engine.springs import spring_energy, spring_force
 
 
 @part
+def start_with_weight(cable, out):
+    """out = generalised weight, which is zero without gravity."""
+    for line in range(cable.lines):
+        for c in range(0, cable.columns, LANES):
+            if line < cable.dim:
+                store(out, line, c, load(cable.linear.weight, line, c))
+            else:
+                store(out, line, c, 0.0)
+
+
+@piece(void, CABLE, LINES, LINES)
 def all_forces(cable, x, out):
     """out = - dU/dq of all terms."""
-    forces(cable, x, out)
-    natural_curvature.force(cable, x, x, out)
+    start_with_weight(cable, out)
+    elastic_force(cable, x, out)
+    spring_force(cable, x, 1.0, NO, out)
+    if cable.terms & TWISTED:
+        add_differences(cable.linear.twist, -1.0, x[cable.dim], out[cable.dim])
+        spring_force(cable, x, 1.0, YES, out)
+    natural_force(cable, x, x, cable.terms & MATERIAL != 0, YES, out)
     torsion.force(cable, x, x, out)
     pressure.force(cable, x, x, out)
     bishop.force(cable, x, x, out)
@@ -35,10 +73,27 @@ def all_forces(cable, x, out):
     self_contact.add_elastic_force(cable, x, out)
 
 
-@part
+@piece(void, CABLE, LINES, VECTOR)
 def all_energies(cable, x, out):
-    """Potential energies [J] of all terms into `out`, as `forces.energies`."""
-    energies(cable, x, out)
+    """Potential energies [J] by term (`arrays.ENERGIES`), and at last the sum of the absolute
+    values of the summands of the gravitational energy, a measure of its round-off.
+
+    The gravitational energy is zero at the world's origin.
+    """
+    for k in range(len(out)):
+        out[k] = 0.0
+    out[STRETCHING], out[BENDING] = elastic_energy(cable, x)
+    if cable.terms & TWISTED:
+        out[TWISTING] = 0.5 * difference_form(cable.linear.twist, x[cable.dim])
+    if cable.terms & GRAVITY:
+        energy, large = zero(), zero()
+        for line in range(cable.dim):
+            for c in range(MARGIN, cable.columns - LANES, LANES):
+                e = load(cable.linear.weight, line, c) * load(x, line, c)
+                energy -= e
+                large += fabs(e)
+        out[WEIGHT], out[len(ENERGIES)] = lane_sum(energy), lane_sum(large)
+    out[SPRING] = spring_energy(cable, x)
     natural_curvature.energy(cable, x, out)
     torsion.energy(cable, x, out)
     pressure.energy(cable, x, out)
@@ -55,7 +110,8 @@ def discrete_gradient(cable, x0, x1, moved, viscous, out):
     these dissipate (`elastic.discrete_force`). Implicit steps treat twist and contact apart.
     """
     lost = discrete_force(cable, x0, x1, moved, viscous, out)
-    natural_curvature.gradient(cable, x0, x1, out)
+    if not cable.terms & MATERIAL:  # else `methods.twist_step` adds it with the twist
+        natural_force(cable, x0, x1, NO, YES, out)
     pressure.force(cable, x0, x1, out)
     return lost
 

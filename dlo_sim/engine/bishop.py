@@ -16,7 +16,7 @@ Within a step, the frame to which theta refers rotates with each tangent by the 
 from its direction at the end of the last step (`state.reference`), and so has a twist rate tau
 along the cable. At the end of the step `follow_shape` makes the frame rotation-minimising again:
 theta += psi with the spline psi whose derivative fits tau best (least squares), corrected to the
-exact integral of tau at the end of the cable (`frame_turned`). The rest of tau is a discretisation
+exact integral of tau at the end of the cable (`cable_turned`). The rest of tau is a discretisation
 error, which would accumulate with every turn of the cable; it is dropped, and its energy counts as
 dissipated.
 
@@ -182,22 +182,6 @@ def energy(cable, x, out):
 
 
 @part
-def add_rates(cable, x, rates, line):
-    """Write tau to `rates`, and line += integral b' tau du, on the twist."""
-    mesh = cable.mesh
-    for b in range(cable.blocks):
-        s = mesh.slope[b]
-        r, p = curve(cable, cable.state.reference, b, 1.0), curve(cable, x, b, 1.0)
-        turned = (zero(), zero(), zero())
-        for j in range(cable.samples):
-            xi = mesh.xi[b, j]
-            rate = tau_at(r, p, xi, s)
-            rates[b, j] = rate
-            turned = add_polynomial(turned, mesh.weight[b, j] * rate, xi)
-        scatter(mesh, b, turned, 1.0, line)
-
-
-@part
 def squares_lost(cable, x, rates, psi):
     """Integral of (theta' + tau - rest)^2 - (theta' + psi' - rest)^2 [1/m], tau from `rates`."""
     mesh, sum_ = cable.mesh, zero()
@@ -303,13 +287,6 @@ def turn_by_arcs(cable, x, last, end, arcs, guess):
 
 
 @part
-def frame_turned(cable, x, span, xi, guess):
-    """Integral of tau: Richardson extrapolation of `turn_by_arcs`, whose error is second order."""
-    coarse = turn_by_arcs(cable, x, span, xi, 1, guess)
-    return (4.0 * turn_by_arcs(cable, x, span, xi, 2, guess) - coarse) / 3.0
-
-
-@part
 def strip(a, b, c, d):
     """Cosine and sine of half the area between the chords a -> b (old) and c -> d (new)."""
     c0, s0 = half_area(a, b, d)
@@ -332,7 +309,9 @@ def angle_of(strips, guess):
 
 @part
 def cable_turned(cable, x, guess):
-    """`frame_turned` up to the end of the cable, eight spans at a time."""
+    """Integral of tau up to the end of the cable, as `turn_by_arcs`, eight spans at a time:
+    Richardson extrapolation of one and of two chords per span.
+    """
     coarse = fine = (zero() + 1.0, zero())
     for b in range(cable.blocks):
         p, q = curve(cable, cable.state.reference, b, 1.0), curve(cable, x, b, 1.0)
@@ -361,7 +340,9 @@ def follow_springs(cable, psi, x):
             turned, share = area(begin, old, span_tangent(cable, x, span, xi)), 0.0
             for q in range(4):
                 share += points.weights[point, q] * psi[MARGIN + span + q]
-            moved = frame_turned(cable, x, span, xi, share) - turned
+            # Richardson extrapolation, as the error of `turn_by_arcs` is of second order
+            coarse = turn_by_arcs(cable, x, span, xi, 1, share)
+            moved = (4.0 * turn_by_arcs(cable, x, span, xi, 2, share) - coarse) / 3.0 - turned
             value = spring_value(cable, k, x)
             before = state.anchor[k] - (value - share)
             after = state.anchor[k] + moved - value
@@ -375,13 +356,21 @@ def follow_springs(cable, psi, x):
 @piece(*FLOW, terms=BISHOP)
 def follow_shape(cable):
     """Transform theta and the angles of the grasps to the Bishop frame of the present shape."""
-    state, rows, n, twist = cable.state, cable.rows, cable.n, cable.dim
+    mesh, state, rows, n, twist = cable.mesh, cable.state, cable.rows, cable.n, cable.dim
     x, reference, psi, rates = state.x, state.reference, cable.work.psi, cable.work.tau
     for at in range(len(psi)):
         psi[at] = 0.0
     if cable.terms & MATERIAL:
         follow_natural(cable, x)
-    add_rates(cable, x, rates, psi)
+    for b in range(cable.blocks):
+        s, r, p = mesh.slope[b], curve(cable, reference, b, 1.0), curve(cable, x, b, 1.0)
+        turned = (zero(), zero(), zero())
+        for j in range(cable.samples):
+            xi = mesh.xi[b, j]
+            rate = tau_at(r, p, xi, s)
+            rates[b, j] = rate
+            turned = add_polynomial(turned, mesh.weight[b, j] * rate, xi)
+        scatter(mesh, b, turned, 1.0, psi)
     psi[MARGIN] = 0.0
     solve_line(cable.linear.frame_factors, n, psi)
     last = psi[MARGIN + n - 1]

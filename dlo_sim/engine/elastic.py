@@ -425,58 +425,48 @@ def factor_natural(cable, b, j, ta, ka, tb, kb, t, k):
 
 
 @part
-def sample_blocks(cable, z, i, j, viscous):
-    """Entry (i, j) of tt, tk, kt, kk of sample z (`factor_samples`)."""
-    f, unit = cable.work.factors, 1.0 if i == j else 0.0
-    t, k = f[z, T + i], f[z, K + i]
-    x2, y2 = f[z, X2 + j], f[z, Y2 + j]
-    mixed = unit * f[z, UNIT + 1]
-    tt = t * f[z, X1 + j] + k * x2
-    tt += unit * f[z, UNIT]
-    tk = t * f[z, Y1 + j] + k * y2 + mixed
-    kt = k * f[z, X3 + j] + t * x2 + mixed
-    kk = t * y2 + unit * f[z, UNIT + 2]
-    if cable.terms & CURVED:
-        e = f[z, XE + j]
-        tt += f[z, KN + i] * e
-        kt += f[z, NT + i] * e
-        if i != j:
-            skew = f[z, SKEW + 3 - i - j]  # ([n]_x)_ij = - eps_ijk n_k
-            if (j - i) % 3 != 1:
-                skew = -skew
-            tk += skew
-            kt -= skew
-    if viscous != 0.0:
-        t_j, n_i, n_j = f[z, T + j], f[z, NORMAL + i], f[z, NORMAL + j]
-        g, q, inverse = f[z, VISCOUS], f[z, RATIO], f[z, INVERSE_C]
-        more = viscosity.tangent_blocks(g, q, n_i, n_j, t, t_j, unit, inverse)
-        tt += more[0] + f[z, ALONG] * t * t_j
-        tk += more[1]
-        kt += more[2]
-        kk += more[3]
-        if cable.terms & THINNED:
-            t_i, k_i, t_j, k_j = (
-                f[z, THINNED_T + i],
-                f[z, THINNED_K + i],
-                f[z, THINNED_T + j],
-                f[z, THINNED_K + j],
-            )
-            tt -= t_i * t_j
-            tk -= t_i * k_j
-            kt -= k_i * t_j
-            kk -= k_i * k_j
-    return tt, tk, kt, kk
-
-
-@part
 def entry_of(cable, b, i, j, viscous):
-    """Jacobian in A, B, C of lines i and j on the spans of a block, 3 x 3."""
-    mesh, work = cable.mesh, cable.work
-    s = mesh.slope[b]
+    """Jacobian in A, B, C of lines i and j on the spans of a block, 3 x 3: the sum over the samples
+    of their entries of tt, tk, kt and kk (`factor_samples`), and the projected strain.
+    """
+    mesh, work, unit = cable.mesh, cable.work, 1.0 if i == j else 0.0
+    s, f = mesh.slope[b], cable.work.factors
     h00 = h01 = h02 = h10 = h11 = h12 = h20 = h21 = h22 = zero()
     for z in range(cable.samples):
         y = mesh.xi[b, z]
-        tt, tk, kt, kk = sample_blocks(cable, z, i, j, viscous)
+        t, k = f[z, T + i], f[z, K + i]
+        x2, y2 = f[z, X2 + j], f[z, Y2 + j]
+        mixed = unit * f[z, UNIT + 1]
+        tt = t * f[z, X1 + j] + k * x2
+        tt += unit * f[z, UNIT]
+        tk = t * f[z, Y1 + j] + k * y2 + mixed
+        kt = k * f[z, X3 + j] + t * x2 + mixed
+        kk = t * y2 + unit * f[z, UNIT + 2]
+        if cable.terms & CURVED:
+            e = f[z, XE + j]
+            tt += f[z, KN + i] * e
+            kt += f[z, NT + i] * e
+            if i != j:
+                skew = f[z, SKEW + 3 - i - j]  # ([n]_x)_ij = - eps_ijk n_k
+                if (j - i) % 3 != 1:
+                    skew = -skew
+                tk += skew
+                kt -= skew
+        if viscous != 0.0:
+            t_j, n_i, n_j = f[z, T + j], f[z, NORMAL + i], f[z, NORMAL + j]
+            g, q, inverse = f[z, VISCOUS], f[z, RATIO], f[z, INVERSE_C]
+            more = viscosity.tangent_blocks(g, q, n_i, n_j, t, t_j, unit, inverse)
+            tt += more[0] + f[z, ALONG] * t * t_j
+            tk += more[1]
+            kt += more[2]
+            kk += more[3]
+            if cable.terms & THINNED:
+                t_i, k_i = f[z, THINNED_T + i], f[z, THINNED_K + i]
+                t_j, k_j = f[z, THINNED_T + j], f[z, THINNED_K + j]
+                tt -= t_i * t_j
+                tk -= t_i * k_j
+                kt -= k_i * t_j
+                kk -= k_i * k_j
         tk, kt, kk = s * tk, s * kt, s * s * kk
         a, c = y * tt, tk + tk
         h00 += tt

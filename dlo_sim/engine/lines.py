@@ -8,7 +8,7 @@ from __future__ import annotations
 from numba import float64, void
 
 from dlo_sim.compiling.groups import load, store
-from dlo_sim.compiling.lanes import LANES, fabs, lane_sum, zero
+from dlo_sim.compiling.lanes import LANES, lane_sum, zero
 from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, VECTOR
 
@@ -136,21 +136,6 @@ def kinetic(cable, v):
     for line in range(cable.lines):
         sum_ += form_by_lanes(mass_of(cable, line), v[line])
     return 0.5 * lane_sum(sum_)
-
-
-@part
-def weight_energy(cable, x):
-    """Gravitational energy [J], zero at the world's origin, and the sum of the absolute values of
-    its summands, a measure of its round-off.
-    """
-    weight = cable.linear.weight
-    energy, large = zero(), zero()
-    for line in range(cable.dim):
-        for c in range(MARGIN, cable.columns - LANES, LANES):
-            e = load(weight, line, c) * load(x, line, c)
-            energy -= e
-            large += fabs(e)
-    return lane_sum(energy), lane_sum(large)
 
 
 @part

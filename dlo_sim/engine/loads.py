@@ -55,33 +55,26 @@ def load_tangent(cable, x, k):
 @piece(void, CABLE, LINES, float64, LINES, terms=LOADED)
 def load_force(cable, x, t, out):
     """out += generalised forces of the point wrenches at time t."""
-    for k in range(cable.loads.count):
-        factor = amplitude_of(cable, k, t)
-        for d in range(cable.dim):
+    loads, dim = cable.loads, cable.dim
+    for k in range(loads.count):
+        factor, a = amplitude_of(cable, k, t), moment_of(cable, k)
+        for d in range(dim):
             f = factor * cable.inputs.load[k, cable.axes[d]]
             for c in range(0, cable.columns, LANES):
-                store(out, d, c, load(out, d, c) + f * load(cable.loads.basis, k, c))
-        add_moment(cable, x, k, factor, out)
-
-
-@part
-def add_moment(cable, x, k, factor, out):
-    """out += generalised forces of the moment of load k times `factor`."""
-    a = moment_of(cable, k)
-    m = factor * a[0], factor * a[1], factor * a[2]
-    if m[0] == 0.0 and m[1] == 0.0 and m[2] == 0.0:
-        return
-    loads, dim, c = cable.loads, cable.dim, MARGIN + cable.loads.first[k]
-    tangent = load_tangent(cable, x, k)
-    square, turning = dot(tangent, tangent), cross(m, tangent)
-    for d in range(dim):
-        g = component(turning, cable.axes[d]) / square
-        for q in range(4):
-            out[d, c + q] += loads.slopes[k, q] * g
-    if cable.lines > dim:
-        axial = dot(m, tangent) / np.sqrt(square)
-        for q in range(4):
-            out[dim, c + q] += loads.values[k, q] * axial
+                store(out, d, c, load(out, d, c) + f * load(loads.basis, k, c))
+        m = factor * a[0], factor * a[1], factor * a[2]
+        if m[0] == 0.0 and m[1] == 0.0 and m[2] == 0.0:
+            continue
+        c, tangent = MARGIN + loads.first[k], load_tangent(cable, x, k)
+        square, turning = dot(tangent, tangent), cross(m, tangent)
+        for d in range(dim):
+            g = component(turning, cable.axes[d]) / square
+            for q in range(4):
+                out[d, c + q] += loads.slopes[k, q] * g
+        if cable.lines > dim:
+            axial = dot(m, tangent) / np.sqrt(square)
+            for q in range(4):
+                out[dim, c + q] += loads.values[k, q] * axial
 
 
 @piece(void, CABLE, LINES, float64, float64, LINES, terms=LOADED)

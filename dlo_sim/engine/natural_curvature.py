@@ -14,7 +14,7 @@ from __future__ import annotations
 from numba import boolean, int64, void
 
 from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, zero
-from dlo_sim.compiling.pieces import NO, YES, part, piece
+from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import BENDING, CABLE, CURVED, LINES, MATERIAL, PLASTICITY, cable_at
 from dlo_sim.engine.plasticity import CURVATURE, TANGENT, curvature, slipping
 from dlo_sim.engine.spans import (
@@ -31,7 +31,7 @@ from dlo_sim.engine.spans import (
     tangent_at,
     three,
 )
-from dlo_sim.engine.term import ENERGY, FORCE
+from dlo_sim.engine.term import ENERGY
 from dlo_sim.terms import material_frame
 from dlo_sim.terms.vectors import combined, cross, dot
 
@@ -101,14 +101,6 @@ def rest_twist_at(cable, b, j):
 
 
 @part
-def curvature_before(before, t, k, angle):
-    """Curvature of t, k rotated back by `vector_now`."""
-    kappa = curvature(t, k)
-    u, now = material_frame.unit(before), material_frame.unit(t)
-    return material_frame.turned(material_frame.transported(kappa, now, u), u, -angle)
-
-
-@part
 def vector_now(n, before, t, angle):
     """Rotate n by `angle` about the tangent `before`, then by the smallest rotation to t."""
     u = material_frame.unit(before)
@@ -147,8 +139,10 @@ def natural_force(cable, x0, x1, turn, push, out):
             if cable.terms & PLASTICITY:
                 kappa = curvature(tb, kb)
                 if follows:
-                    turned = integrated(1.0 / s, angle1, xi)
-                    kappa = curvature_before(tangent_at(r, xi), tb, kb, turned)
+                    # rotated back to the start of the step, unlike `vector_now`
+                    u, now = material_frame.unit(tangent_at(r, xi)), material_frame.unit(tb)
+                    kappa = material_frame.transported(kappa, now, u)
+                    kappa = material_frame.turned(kappa, u, -integrated(1.0 / s, angle1, xi))
                 n0 = natural_with(cable, b, j, slipping(cable, b, j, kappa))
             n1 = n0
             on_t = (zero(), zero(), zero())
@@ -178,19 +172,6 @@ def natural_force(cable, x0, x1, turn, push, out):
             scatter_lines(cable, b, g0, g1, g2, -1.0, out)
         if turn:
             scatter_values(mesh, b, twisted, -1.0, out[cable.dim])
-
-
-@piece(*FORCE, terms=CURVED)
-def force(cable, x0, x1, out):
-    """`natural_force` on all coordinates."""
-    natural_force(cable, x0, x1, cable.terms & MATERIAL != 0, YES, out)
-
-
-@piece(*FORCE, terms=CURVED)
-def gradient(cable, x0, x1, out):
-    """`natural_force` if fixed in the world; else `methods.twist_step` adds it with theta."""
-    if not cable.terms & MATERIAL:
-        natural_force(cable, x0, x1, NO, YES, out)
 
 
 @piece(*ENERGY, terms=CURVED)

@@ -45,14 +45,6 @@ def add_wrench(address, grasp, rows, points, about, out):
     """
     cable = cable_at(address)
     given, points, about, out = grid(rows), grid(points), grid(about), grid(out)
-    add_row_forces(cable, grasp, given, points, about, out)
-    add_spring_forces(cable, grasp, points, about, out)
-    add_slide_forces(cable, grasp, points, about, out)
-
-
-@part
-def add_row_forces(cable, grasp, given, points, about, out):
-    """The part of the constraint rows in `add_wrench`."""
     rows, state, dim = cable.rows, cable.state, cable.dim
     for k in range(rows.count):
         if rows.grasp[k] != grasp:
@@ -68,22 +60,17 @@ def add_row_forces(cable, grasp, given, points, about, out):
             for d in range(dim):
                 f = force * state.direction[k, d]
                 add_force(weights, points, begin, f, cable.axes[d], about, out)
-
-
-@part
-def add_spring_forces(cable, grasp, points, about, out):
-    """The part of the springs in `add_wrench`."""
-    rows, x = cable.rows, cable.state.x
     for k in range(rows.springs):
         row = row_of(cable, k)
         if rows.grasp[row] != grasp:
             continue
-        first, weights = cable.points.first[rows.point[row]], cable.points.weights[rows.point[row]]
-        f = spring_stiffness(cable, k) * (cable.state.anchor[k] - spring_value(cable, k, x))
+        begin, weights = cable.points.first[rows.point[row]], cable.points.weights[rows.point[row]]
+        f = spring_stiffness(cable, k) * (state.anchor[k] - spring_value(cable, k, state.x))
         if rolls(cable, k):
-            add_moment(cable, f, span_tangent(cable, x, first, rows.xi[row]), out)
+            add_moment(cable, f, span_tangent(cable, state.x, begin, rows.xi[row]), out)
         else:
-            add_force(weights, points, first, f, cable.axes[rows.line[row]], about, out)
+            add_force(weights, points, begin, f, cable.axes[rows.line[row]], about, out)
+    add_slide_forces(cable, grasp, points, about, out)
 
 
 @part

@@ -60,29 +60,6 @@ FORMS = (
 
 
 @part
-def unevenness(inner):
-    """n1 .. n4 from the inner products AA, AB, AC, BB, BC, CC."""
-    _, ab, ac, bb, bc, cc = inner
-    u3 = 2.0 * bc
-    return 2.0 * ab + CUBIC * u3, bb + 2.0 * ac + QUARTIC * cc, u3, cc
-
-
-@part
-def room_of(n):
-    """v0 - v."""
-    v = WEIGHTS[0] * n[0] * n[0] + WEIGHTS[1] * n[1] * n[1]
-    return EVEN - (v + (WEIGHTS[2] * n[2] * n[2] + WEIGHTS[3] * n[3] * n[3]))
-
-
-@part
-def lengths_of(inner):
-    """c - c0 at the start, the middle and the end."""
-    aa, ab, ac, bb, bc, cc = inner
-    even, odd = aa + (bb + 2.0 * ac) + cc - LEAST, 2.0 * (ab + bc)
-    return even - odd, aa - LEAST, even + odd
-
-
-@part
 def products_gradient(on_v, n, on_c):
     """Half the gradient with respect to A, B and C as a matrix AA, AB, AC, BB, BC, CC that
     multiplies them, from dU/dv, n, and dU/dc at the three places. For the discrete gradient: from
@@ -126,9 +103,16 @@ def may_act(inner):
 
 @part
 def gaps_of(inner):
-    """n, v0 - v and c - c0 at three places from the inner products."""
-    n = unevenness(inner)
-    return n, room_of(n), lengths_of(inner)
+    """n, v0 - v, and c - c0 at the start, the middle and the end, from the inner products AA, AB,
+    AC, BB, BC, CC.
+    """
+    aa, ab, ac, bb, bc, cc = inner
+    u3 = 2.0 * bc
+    n = 2.0 * ab + CUBIC * u3, bb + 2.0 * ac + QUARTIC * cc, u3, cc
+    v = WEIGHTS[0] * n[0] * n[0] + WEIGHTS[1] * n[1] * n[1]
+    room = EVEN - (v + (WEIGHTS[2] * n[2] * n[2] + WEIGHTS[3] * n[3] * n[3]))
+    even, odd = aa + (bb + 2.0 * ac) + cc - LEAST, 2.0 * (ab + bc)
+    return n, room, (even - odd, aa - LEAST, even + odd)
 
 
 @part

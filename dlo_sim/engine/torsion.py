@@ -27,29 +27,21 @@ from dlo_sim.engine.spans import (
     tangent_at,
 )
 from dlo_sim.engine.term import ENERGY, FORCE
-from dlo_sim.terms.vectors import cross
+from dlo_sim.terms.vectors import cross, dot
 
 
 @part
 def torsion_of(floor, t, k, third):
-    """gamma, C, 1 / (|C|^2 + delta^2), |C|^2; `floor` is delta^2."""
+    """gamma, C, 1 / (|C|^2 + delta^2); `floor` is delta^2."""
     b = cross(t, k)
-    square = b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
-    inverse = 1.0 / (square + floor)
-    return (b[0] * third[0] + b[1] * third[1] + b[2] * third[2]) * inverse, b, inverse, square
-
-
-@part
-def density(stiffness, floor, t, k, third, rate):
-    """GJ (gamma^2 / 2 - theta' gamma)."""
-    gamma, _, _, _ = torsion_of(floor, t, k, third)
-    return stiffness * gamma * (0.5 * gamma - rate)
+    inverse = 1.0 / (dot(b, b) + floor)
+    return dot(b, third) * inverse, b, inverse
 
 
 @part
 def density_gradient(stiffness, floor, t, k, third, rate):
     """Gradients with respect to r', r'', r''' and theta'."""
-    gamma, b, inverse, _ = torsion_of(floor, t, k, third)
+    gamma, b, inverse = torsion_of(floor, t, k, third)
     f = stiffness * (gamma - rate) * inverse  # dU = f (C.dc + e.dC), e = c - 2 gamma C
     e = (
         f * (third[0] - 2.0 * gamma * b[0]),
@@ -57,13 +49,6 @@ def density_gradient(stiffness, floor, t, k, third, rate):
         f * (third[2] - 2.0 * gamma * b[2]),
     )
     return cross(k, e), cross(e, t), (f * b[0], f * b[1], f * b[2]), -stiffness * gamma
-
-
-@part
-def excess(floor, t, k):
-    """|C|^2 - delta^2: negative where torsion is reduced by more than half."""
-    b = cross(t, k)
-    return b[0] * b[0] + b[1] * b[1] + b[2] * b[2] - floor
 
 
 @part
@@ -116,20 +101,21 @@ def energy(cable, x, out):
         for j in range(cable.samples):
             xi, w = mesh.xi[b, j], cable.physics.GJ * mesh.weight[b, j]
             rate = angle[0] + xi * (angle[1] + xi * angle[2])
-            sum_ += density(w, floor, tangent_at(p, xi), bending_at(p, xi, s), third, rate)
+            gamma = torsion_of(floor, tangent_at(p, xi), bending_at(p, xi, s), third)[0]
+            sum_ += w * gamma * (0.5 * gamma - rate)
     out[TORSIONAL] += lane_sum(sum_)
 
 
 @part
 def undefined_torsion(cable, x):
     """Number of quadrature points with |C| below the curvature floor."""
-    mesh, count = cable.mesh, 0.0
+    mesh, floor, count = cable.mesh, cable.physics.torsion_floor, 0.0
     for b in range(cable.blocks):
         s, p = mesh.slope[b], curve(cable, x, b, 1.0)
         for j in range(cable.samples):
             xi, weight = mesh.xi[b, j], mesh.weight[b, j]
-            floor = cable.physics.torsion_floor
-            found = excess(floor, tangent_at(p, xi), bending_at(p, xi, s))
+            bend = cross(tangent_at(p, xi), bending_at(p, xi, s))
+            found = dot(bend, bend) - floor
             for k in range(LANES):  # the weight is 0 beyond the last span
                 if lane(weight, k) != 0.0 and lane(found, k) < 0.0:
                     count += 1.0

@@ -53,6 +53,7 @@ from dlo_sim.engine.assembly import (
     discrete_gradient,
     discrete_jacobian,
     flow,
+    start_with_weight,
 )
 from dlo_sim.engine.band import (
     add_lines,
@@ -72,7 +73,6 @@ from dlo_sim.engine.band import (
     stiffen_border,
     turn_vector,
 )
-from dlo_sim.engine.forces import start_with_weight
 from dlo_sim.engine.lines import add, add_product, clear, copy, damping_of, difference, inner
 from dlo_sim.engine.loads import add_load_stiffness, load_force
 from dlo_sim.engine.rows import (
@@ -144,19 +144,6 @@ def copy_entries(source, target):
 
 
 @part
-def parabola(tau, last, before):
-    """Lagrange weights, at tau after the present, of the present configuration and the two before;
-    `last` and `before` are the lengths of the last two steps.
-    """
-    both = last + before
-    return (
-        (tau + last) * (tau + both) / (last * both),
-        -tau * (tau + both) / (last * before),
-        tau * (tau + last) / (both * before),
-    )
-
-
-@part
 def predict(cable, tau):
     """Predictor: quadratic extrapolation of the last three configurations, or constant w if they
     are not known. If the motion alternates from step to step, as undamped stiff modes do in steps
@@ -178,7 +165,10 @@ def predict(cable, tau):
                 once += one * one
                 twice += two * two
         alternates = tau == last == before_last and lane_sum(twice) < lane_sum(once)
-        a, b, c = parabola(tau, last, before_last)
+        both = last + before_last  # Lagrange weights of the configurations at 0, -last and -both
+        a = (tau + last) * (tau + both) / (last * both)
+        b = -tau * (tau + both) / (last * before_last)
+        c = tau * (tau + last) / (both * before_last)
     for d in range(cable.lines):
         for i in range(0, cable.columns, LANES):
             now, before = load(x, d, i), load(near, d, i)
@@ -217,26 +207,6 @@ def keep_constraints(cable):
         add_shifts(cable, 1.0, x)
 
 
-@part
-def move_to_targets(cable, t0, tau):
-    """Move the constraint rows and the anchors of springs to their targets at the end of the step,
-    and set the directions at its middle and of the state.
-    """
-    state, work = cable.state, cable.work
-    set_targets(cable, t0 + 0.5 * tau)
-    for k in range(cable.rows.count):
-        if turns(cable, k):
-            for d in range(cable.dim):
-                work.middle_direction[k, d] = work.ahead[k, d]
-    set_directions(cable, t0 + tau)
-    target_residuals(cable, state.direction, state.x)
-    add_shifts(cable, 1.0, state.x)
-    for k in range(cable.rows.count):
-        pin(cable, k, work.targets[k], state.x)
-    move_anchors(cable, t0 + tau)
-    move_slides(cable, t0 + tau)
-
-
 @piece(void, CABLE, float64, float64)
 def begin_step(cable, t0, tau):
     """Predict the configuration at the end of the step and move it onto the constraints there.
@@ -256,7 +226,18 @@ def begin_step(cable, t0, tau):
         add_velocity_of_held(cable, state.x, t0, work.start_v)
     predict(cable, tau)
     if moves:
-        move_to_targets(cable, t0, tau)
+        set_targets(cable, t0 + 0.5 * tau)
+        for k in range(cable.rows.count):
+            if turns(cable, k):
+                for d in range(cable.dim):
+                    work.middle_direction[k, d] = work.ahead[k, d]
+        set_directions(cable, t0 + tau)
+        target_residuals(cable, state.direction, state.x)
+        add_shifts(cable, 1.0, state.x)
+        for k in range(cable.rows.count):
+            pin(cable, k, work.targets[k], state.x)
+        move_anchors(cable, t0 + tau)
+        move_slides(cable, t0 + tau)
     else:
         keep_constraints(cable)
     set_border(cable, work.middle_direction, state.direction)
@@ -487,23 +468,13 @@ def shortened(before, after):
 
 
 @part
-def largest(cable, x):
-    """Largest absolute value of the spatial coordinates [m]."""
+def largest(x, lines):
+    """Largest absolute value in the first `lines` lines."""
     value = 0.0
-    for d in range(cable.dim):
-        for c in range(cable.columns):
-            value = max(value, abs(x[d, c]))
+    for line in range(lines):
+        for c in range(x.shape[1]):
+            value = max(value, abs(x[line, c]))
     return value
-
-
-@part
-def moving(change, least):
-    """Whether any coordinate changed by more than `least`."""
-    for line in range(change.shape[0]):
-        for c in range(change.shape[1]):
-            if abs(change[line, c]) > least:
-                return True
-    return False
 
 
 @piece(boolean, CABLE)
@@ -732,7 +703,7 @@ def try_step(cable, method, t0, tau, whole, level):
     a = 2.0 / (tau * tau)
     b = a * tau
     begin_step(cable, t0, tau)
-    reach = largest(cable, cable.state.x)  # scale of the round-off of corrections
+    reach = largest(cable.state.x, cable.dim)  # scale of the round-off of corrections
     moves = grasps_move(cable)
     coupled = cable.terms & (BISHOP | SLIDING) != 0
     converged = False
@@ -791,7 +762,7 @@ def try_step(cable, method, t0, tau, whole, level):
         # The work of moving grasps needs the forces, and the twist the shape, after the last
         # correction: one more evaluation, unless all is at rest.
         again = moves or coupled
-        if converged and not (again and moving(work.change, ROUND_OFF * reach)):
+        if converged and not (again and largest(work.change, cable.lines) > ROUND_OFF * reach):
             break
         linearize = energy > SLOW * previous and not converged
         previous = energy

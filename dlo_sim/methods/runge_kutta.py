@@ -54,20 +54,6 @@ def add_damping_loss(cable, dt):
 
 
 @part
-def accelerate(cable, t):
-    """`work.force` = P M^-1 f at the present configuration, without the energy balance
-    (`works.evaluate`).
-    """
-    x, force = cable.state.x, cable.work.force
-    all_forces(cable, x, force)
-    if cable.loads.count:
-        load_force(cable, x, t, force)
-    solve_mass(cable, force)
-    if cable.rows.count:
-        project(cable, force, cable.state.pull)
-
-
-@part
 def store_rates(cable, t, stage):
     """Store the rates of (x, w) at the present state, with `work.force`, as those of a stage.
 
@@ -109,16 +95,6 @@ def to_stage(cable, weights, t, tau):
         contact.carry_obstacles(cable, t, state.x)
 
 
-@part
-def to_end(cable, weights, t, tau):
-    """Set the state to that at the end of the step, time t, projected onto the constraints."""
-    to_stage(cable, weights, t, tau)
-    carry(cable, cable.state.x, cable.state.w, t, 0.0)
-    clear_moved(cable)  # the energy balance has this work from the stages
-    if grasps_move(cable):
-        project(cable, cable.state.w, cable.work.multipliers)
-
-
 @piece(boolean, METHOD, CABLE, int64, float64, terms=RUNGE_KUTTA)
 def runge_kutta_step(method, cable, step, tau):
     """Step number `step`, of length tau."""
@@ -135,13 +111,23 @@ def runge_kutta_step(method, cable, step, tau):
         if stage > 0:
             t = (step + method.nodes[stage]) * tau
             to_stage(cable, method.matrix[stage], t, tau)
-            accelerate(cable, t)
+            all_forces(cable, state.x, work.force)  # `evaluate` without the energy balance
+            if cable.loads.count:
+                load_force(cable, state.x, t, work.force)
+            solve_mass(cable, work.force)
+            if cable.rows.count:
+                project(cable, work.force, state.pull)
             power = store_rates(cable, t, stage)
         add_damping_loss(cable, tau * b[stage])
         balance.drive_work += tau * b[stage] * power
-    to_end(cable, b, (step + 1) * tau, tau)
-    evaluate(cable, (step + 1) * tau)
-    results.power = store_rates(cable, (step + 1) * tau, 0)
+    t = (step + 1) * tau
+    to_stage(cable, b, t, tau)
+    carry(cable, state.x, state.w, t, 0.0)  # onto the constraints
+    clear_moved(cable)  # the energy balance has this work from the stages
+    if grasps_move(cable):
+        project(cable, state.w, work.multipliers)
+    evaluate(cable, t)
+    results.power = store_rates(cable, t, 0)
     results.evaluations += method.stages
     results.forces_known = 1.0
     return True

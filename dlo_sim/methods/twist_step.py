@@ -54,22 +54,16 @@ def damping_share(cable, tau):
 
 
 @part
-def mark_prescribed(cable, prescribed):
-    """prescribed = 1 at control points whose twist a constraint row prescribes, else 0."""
-    for i in range(cable.n):
-        prescribed[i] = 0.0
-    for k in range(cable.rows.count):
-        if cable.rows.line[k] == cable.dim:
-            prescribed[cable.points.own[cable.rows.point[k]]] = 1.0
+def make_matrix(cable, begin, end, tau, beta):
+    """`work.twist_matrix` = LDL^T factors of the matrix 2 / tau^2 M + (1/2 + beta) K + C / tau with
+    the stiffness of roll springs and of natural curvature, `beta` per step.
 
-
-@part
-def fill_matrix(cable, tau, beta, matrix):
-    """matrix = 2 / tau^2 M + (1/2 + beta) K + C / tau + roll springs, `beta` per step.
-
-    Diagonal k below the main one is `matrix[k]`: entry (i + k, i) is at [k, i].
+    Diagonal k below the main one is at first `matrix[k]`: entry (i + k, i) is at [k, i]. Then 1 / D
+    replaces diagonal 0, and rows 4, 5, 6 get the three diagonals of L below the main one. The
+    inverse pivots of prescribed unknowns are 0, so that `solve` returns 0 for them.
     """
     mass, damping, twist = cable.linear.mass[1], cable.linear.damping[1], cable.linear.twist
+    matrix, prescribed = cable.work.twist_matrix, cable.work.twist_held
     damped = 1.0 / tau if cable.terms & DAMPED else 0.0
     for k in range(4):
         for i in range(cable.n - k):
@@ -77,14 +71,8 @@ def fill_matrix(cable, tau, beta, matrix):
             value = 2.0 / (tau * tau) * mass[3 + k, c] + (0.5 + beta) * twist[3 + k, c]
             matrix[k, i] = value + damped * damping[3 + k, c]
     add_roll_stiffness(cable, matrix)
-
-
-@part
-def factorize(cable, prescribed, matrix):
-    """LDL^T factorisation in place of a matrix given by its lower diagonals (`fill_matrix`): 1 / D
-    replaces diagonal 0, and rows 4, 5, 6 get the three diagonals of L below the main one. The
-    inverse pivots of prescribed unknowns are 0, so that `solve` returns 0 for them.
-    """
+    if cable.terms & MATERIAL:
+        add_natural_stiffness(cable, begin, end, matrix)
     inverse1 = inverse2 = inverse3 = 0.0  # 1 / D of the rows before
     last1 = last2 = before1 = 0.0  # L of the row before, and of the one before that
     for i in range(cable.n):
@@ -101,8 +89,8 @@ def factorize(cable, prescribed, matrix):
 
 @part
 def solve(cable, matrix, x):
-    """Forward and back substitution in place on a line, with the factors of `factorize`; prescribed
-    unknowns become 0.
+    """Forward and back substitution in place on a line, with the factors of `make_matrix`;
+    prescribed unknowns become 0.
     """
     a = b = c = 0.0
     for i in range(cable.n):
@@ -153,10 +141,7 @@ def correct_twist(cable, begin, end, x, tau, beta, spins, make):
     if natural:
         natural_force(cable, begin, end, YES, NO, work.force)
     if make:
-        fill_matrix(cable, tau, beta, matrix)
-        if natural:
-            add_natural_stiffness(cable, begin, end, matrix)
-        factorize(cable, work.twist_held, matrix)
+        make_matrix(cable, begin, end, tau, beta)
     theta, change, force = x[line], work.change[line], work.force[line]
     latest, rest, sum_ = work.twist_latest[line], work.twist_rest[line], work.twist_sum[line]
     add_differences(twist, -1.0, work.start[line], force)
@@ -217,7 +202,11 @@ def solve_twist(cable, begin, end, x, t0, tau, anew):
         take_midpoint_moments(cable, t0, tau)
     beta = damping_share(cable, tau)
     if anew:
-        mark_prescribed(cable, work.twist_held)
+        for i in range(cable.n):
+            work.twist_held[i] = 0.0
+        for k in range(cable.rows.count):
+            if cable.rows.line[k] == line:
+                work.twist_held[cable.points.own[cable.rows.point[k]]] = 1.0
     spins = work.twist_held[0] + work.twist_held[cable.n - 1] == 0.0
     lost = 0.0
     if damped:
@@ -261,9 +250,15 @@ def step_twist(cable, t0, tau, discrete, anew):
     return lost
 
 
-@part
-def take_twist_reactions(cable, tau):
-    """row_force of the rows that prescribe the twist: the reactions, from the momentum balance."""
+@piece(*END, terms=TWISTED)
+def end_twist(cable, t0, tau):
+    """Solve for the twist, unless `step_twist` has done so, and set `row_force` of the rows that
+    prescribe it to their reactions, from the momentum balance. Returns the energy dissipated [J].
+    """
+    lost = 0.0
+    if not cable.terms & BISHOP:
+        x = cable.state.x
+        lost = solve_twist(cable, x, x, x, t0, tau, YES)
     work, line = cable.work, cable.dim
     rate, push = work.rate[line], work.inertia[line]
     for c in range(cable.columns):
@@ -273,16 +268,4 @@ def take_twist_reactions(cable, tau):
     for k in range(cable.rows.count):
         if cable.rows.line[k] == line:
             work.row_force[k] = row_value(cable, k, work.old_direction, work.inertia)
-
-
-@piece(*END, terms=TWISTED)
-def end_twist(cable, t0, tau):
-    """Solve for the twist, unless `step_twist` has done so, and for its reactions. Returns the
-    energy dissipated [J].
-    """
-    lost = 0.0
-    if not cable.terms & BISHOP:
-        x = cable.state.x
-        lost = solve_twist(cable, x, x, x, t0, tau, YES)
-    take_twist_reactions(cable, tau)
     return lost

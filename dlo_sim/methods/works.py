@@ -66,17 +66,12 @@ def evaluate(cable, t):
             if cable.rows.springs:
                 done += anchor_work(cable, counted, x)
             balance.drive_work += done
-        reset_work(cable)
-
-
-@part
-def reset_work(cable):
-    """Note that the energy balance contains all work up to the present configuration."""
-    copy(cable.state.x, cable.state.counted)
-    clear_moved(cable)
-    accept_anchors(cable)
-    cable.state.balance.is_counted = 1.0
-    cable.state.balance.pending = 0.0
+        # The energy balance now contains all work up to the present configuration.
+        copy(x, counted)
+        clear_moved(cable)
+        accept_anchors(cable)
+        balance.is_counted = 1.0
+        balance.pending = 0.0
 
 
 @part

@@ -28,14 +28,16 @@ def accelerate(cable, t):
     add_decay(cable, cable.work.force)
 
 
-@part
-def two_step(cable, psi, phi, t, tau):
-    """Advance x and w to time t, the end of the step; the present acceleration becomes the previous
-    one.
-    """
-    state, work = cable.state, cable.work
+@piece(boolean, METHOD, CABLE, int64, float64, terms=ZHAI)
+def zhai_step(method, cable, step, tau):
+    """Step number `step`, of length tau; the acceleration at its start becomes the previous one."""
+    state, work, results = cable.state, cable.work, cable.work.results
     w, before, mean = state.w, state.acceleration, work.mean_rate
-    known = state.balance.known != 0.0
+    psi, phi, t, known = method.psi, method.phi, (step + 1) * tau, state.balance.known != 0.0
+    if results.forces_known == 0.0:
+        accelerate(cable, step * tau)
+        results.evaluations += 1.0
+    add_damping_loss(cable, 0.5 * tau)
     for line in range(cable.lines):
         for c in range(0, cable.columns, LANES):
             a, v = load(work.force, line, c), load(w, line, c)
@@ -52,19 +54,8 @@ def two_step(cable, psi, phi, t, tau):
         project(cable, w, work.multipliers)
         project(cable, before, work.multipliers)
     add(1.0, mean, w)
-
-
-@piece(boolean, METHOD, CABLE, int64, float64, terms=ZHAI)
-def zhai_step(method, cable, step, tau):
-    """Step number `step`, of length tau."""
-    results = cable.work.results
-    if results.forces_known == 0.0:
-        accelerate(cable, step * tau)
-        results.evaluations += 1.0
     add_damping_loss(cable, 0.5 * tau)
-    two_step(cable, method.psi, method.phi, (step + 1) * tau, tau)
-    add_damping_loss(cable, 0.5 * tau)
-    accelerate(cable, (step + 1) * tau)
+    accelerate(cable, t)
     results.evaluations += 1.0
     results.forces_known = 1.0
     return True
