@@ -43,8 +43,9 @@ _MOST_WAITING = 1000  # messages
 
 
 class Change(NamedTuple):
-    """What a marker says of the obstacle `name`, of all if that is empty: it is there until
-    `lifetime_ns` after the message, 0 = until it is removed, or (None) no longer.
+    """What a marker says of the obstacle `name`, of all in a namespace if it ends with a slash, or
+    of all if it is empty: it is there until `lifetime_ns` after the message, 0 = until it is
+    removed, or (None) no longer.
     """
 
     name: str
@@ -65,8 +66,9 @@ def change_of(marker: cdr.Marker) -> Change:
     Raises:
         Refused: `bad_marker`: it is no obstacle.
     """
+    namespace, _, _ = marker.name.rpartition("/")
     if marker.action == cdr.DELETE_ALL:
-        return Change("")
+        return Change(f"{namespace}/" if namespace else "")
     if len(marker.name) > _LONGEST_NAME or not marker.name.isprintable():
         raise _bad(f"namespace of {len(marker.name)} letters; give a short printable one")
     if marker.action == cdr.DELETE:
@@ -201,11 +203,12 @@ class Surroundings(Waiting[Markers]):
     def _forget(
         self, name: str, there: dict[str, Obstacle], moving: dict[str, tuple[Obstacle, int]]
     ) -> None:
-        for one in (there, moving, self._said, self._ends):
-            if name:
-                one.pop(name, None)
-            else:
-                one.clear()
+        gone = [name]
+        if not name or name.endswith("/"):
+            gone = [one for one in there if not name or one.rpartition("/")[0] == name[:-1]]
+        for one in gone:
+            for known in (there, moving, self._said, self._ends):
+                known.pop(one, None)
 
     def _say(
         self,

@@ -178,6 +178,9 @@ def test_they_live_as_long_as_they_say_and_go_all_at_once():
     assert [one.name for one in session.simulator.scene.added] == ["cell/2"]
     run(session, [(0.5, plate(2, scale=(0.5, 0.5, 0.02)))], 0.6, begin=0.5)  # another size
     assert session.simulator.scene.added[0].size == (0.5, 0.5, 0.02)
+    other = plate(0, (0.0, 0.9, 0.0), ns="other")
+    run(session, [(0.6, other, plate(7, ns="cell", action=cdr.DELETE_ALL))], 0.7, begin=0.6)
+    assert [one.name for one in session.simulator.scene.added] == ["other/0"]
 
 
 @pytest.mark.parametrize(
