@@ -87,7 +87,7 @@ DAMPED = 0.98  # of the movement by one of those, or the next ones turn half as 
 LEAST_SHARE = 0.03  # of the twist that the present shape asks for
 TWIST_NUDGE = 1e-3  # [rad]
 SETTLED = 1e-9  # movement by an alternation, relative to the length or 1 rad
-NEAR = 1e-2  # the same, from which the next search is a short one
+NEAR = 1e-2  # of the twist, in radians, below which the search for the shape is a short one
 RETURNED = 1e-2  # of the movement by the first alternation after a nudge
 
 SHARE_OF_TIME = 0.01  # step of the dynamic relaxation, relative to `_time_scale`
@@ -345,7 +345,7 @@ class _FirstShape:
         before, which is then taken, or find another one.
         """
         cable = self._cable
-        last, found, share, near = np.inf, cable.state.copy(), 1.0, False
+        last, found, share = np.inf, cable.state.copy(), 1.0
         nudged, at_rest, first = not cable.model.has(MATERIAL), None, 0.0
         for _ in range(MAX_ALTERNATIONS):
             before = cable.x.copy()
@@ -354,11 +354,11 @@ class _FirstShape:
             if self._lay is None and _relative_movement(cable, before) < SETTLED:
                 return True
             cable.x[-1] = before[-1] + share * (cable.x[-1] - before[-1])
+            near = _relative_movement(cable, before) < NEAR
             self._stop()
             if not relax(cable, self._flow, near=near):
                 break
             moved = _relative_movement(cable, before) / share
-            near = moved < NEAR
             if moved < SETTLED and nudged:
                 return True
             if moved < SETTLED:
