@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 
 from dlo_sim.core import bspline, mass, rotations, spectrum
+from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine.arrays import CURVED, ENERGIES
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.scene.needs import needs_of
@@ -49,6 +50,33 @@ BY_SPAN = {"discretization.stretch": "span", "cable.axial_stiffness": 3e3}
 FLAT = {"gravity": [0.0, 0.0, 0.0]}
 FREE = {"start.clamped": False, "start.fixed": [False, False, False]}
 
+# What acts on FULL: a force and a moment that swing, a start that moves and turns, a moving spring.
+SINE_LOAD = {
+    "loads.tip.signal": "sine",
+    "loads.tip.frequency": 7.0,
+    "loads.tip.force": [0.3, 0.5, -0.4],
+    "loads.tip.torque": [0.02, 0.01, -0.02],
+}
+MOTIONS = {
+    "start": EndMotion(
+        start=0.0,
+        duration=0.2,
+        position=[0, 0, 0],
+        orientation=[0, 0, 0, 1],
+        velocity=[0.1, -0.3, 0.2],
+        acceleration=[6.0, 4.0, -8.0],
+        angular_velocity=[2.0, 0, 0],
+        angular_acceleration=[60.0, 0.0, 0.0],
+    ),
+    "end": EndMotion(
+        start=0.0,
+        duration=0.2,
+        position=[1.0, 0, 0],
+        orientation=[0, 0, 0, 1],
+        velocity=[0.2, 0.1, -0.5],
+        acceleration=[-8.0, 6.0, 12.0],
+    ),
+}
 
 # Unless a test says otherwise, since it is rarely about what is chosen.
 RESOLUTION = {"discretization.control_points": 13, "discretization.knots": "uniform"}

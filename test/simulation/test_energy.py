@@ -4,7 +4,18 @@ from functools import cache
 
 import numpy as np
 import pytest
-from cables import FLAT, FREE, FULL, FULLY_DAMPED, MASS_DAMPED, SOFT, set_state, simulator
+from cables import (
+    FLAT,
+    FREE,
+    FULL,
+    FULLY_DAMPED,
+    MASS_DAMPED,
+    MOTIONS,
+    SINE_LOAD,
+    SOFT,
+    set_state,
+    simulator,
+)
 
 from dlo_sim.core import mass
 from dlo_sim.core.end_motion import EndMotion
@@ -74,37 +85,13 @@ def test_energy_momentum_keeps_the_energy_at_any_step(step):
 
 # ------------------------------------------------------------------------------------ the account
 
-LOAD = {
-    "loads.tip.signal": "sine",
-    "loads.tip.frequency": 7.0,
-    "loads.tip.force": [0.3, 0.5, -0.4],
-    "loads.tip.torque": [0.02, 0.01, -0.02],
-}
-CLAMP = EndMotion(
-    start=0.0,
-    duration=0.2,
-    position=[0, 0, 0],
-    orientation=[0, 0, 0, 1],
-    velocity=[0.1, -0.3, 0.2],
-    acceleration=[6.0, 4.0, -8.0],
-    angular_velocity=[2.0, 0, 0],
-    angular_acceleration=[60.0, 0.0, 0.0],
-)
-SPRING = EndMotion(
-    start=0.0,
-    duration=0.2,
-    position=[1.0, 0, 0],
-    orientation=[0, 0, 0, 1],
-    velocity=[0.2, 0.1, -0.5],
-    acceleration=[-8.0, 6.0, 12.0],
-)
 SCENES = {"undamped": FULL, "mass": MASS_DAMPED, "all": FULLY_DAMPED}
 
 
-def account_error(name, case, steps, end, motion):
+def account_error(name, case, steps, end):
     """Energy that the account cannot explain, as a share of what was exchanged."""
-    sim = simulator(SCENES[case], LOAD, n=6, method=name, step=0.2 / steps)
-    sim.set_motion(end, motion)
+    sim = simulator(SCENES[case], SINE_LOAD, n=6, method=name, step=0.2 / steps)
+    sim.set_motion(end, MOTIONS[end])
     assert sim.advance_steps(steps).status.ok
     assert sim.energy().kinetic > 1e-2
     return sim.energy_error
@@ -123,7 +110,7 @@ def admitted(name, case):
 )
 def test_account_closes_with_load_damping_and_a_moved_clamp(name, case):
     """Work in = energy change + losses: the rest is the method's own error, of second order."""
-    coarse, fine = (account_error(name, case, steps, "start", CLAMP) for steps in (400, 1600))
+    coarse, fine = (account_error(name, case, steps, "start") for steps in (400, 1600))
     assert coarse < 2e-2
     assert fine < coarse / 12 or fine < 1e-6
 
@@ -131,7 +118,7 @@ def test_account_closes_with_load_damping_and_a_moved_clamp(name, case):
 @pytest.mark.parametrize("name", ["velocity_verlet", "energy_momentum"])
 def test_account_closes_with_a_moved_spring(name):
     """The anchor does work on the cable through the spring."""
-    coarse, fine = (account_error(name, "undamped", steps, "end", SPRING) for steps in (400, 1600))
+    coarse, fine = (account_error(name, "undamped", steps, "end") for steps in (400, 1600))
     assert coarse < 2e-2
     assert fine < coarse / 12 or fine < 1e-6
 

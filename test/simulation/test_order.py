@@ -8,46 +8,31 @@ from functools import cache
 
 import numpy as np
 import pytest
-from cables import FULL, FULLY_DAMPED, MASS_DAMPED, Bench, Reference, simulator, straight
+from cables import (
+    FULL,
+    FULLY_DAMPED,
+    MASS_DAMPED,
+    MOTIONS,
+    SINE_LOAD,
+    Bench,
+    Reference,
+    simulator,
+    straight,
+)
 
-from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.loading import SceneError
 
 DURATION = 0.08  # [s]; 5 cm and 0.35 rad of the clamp, some 10 cm of the middle
-LOAD = {
-    "loads.tip.signal": "sine",
-    "loads.tip.frequency": 7.0,
-    "loads.tip.force": [0.3, 0.5, -0.4],
-    "loads.tip.torque": [0.02, 0.01, -0.02],
-    "loads.tip.position": 0.6,
-}
+LOAD = SINE_LOAD | {"loads.tip.position": 0.6}
 DAMPING = {"undamped": FULL, "mass": MASS_DAMPED, "all": FULLY_DAMPED}
-# Motions go on beyond the run, so that velocities at its end are those of moving ends.
-CLAMP = EndMotion(
-    start=0.0,
-    duration=0.2,
-    position=[0, 0, 0],
-    orientation=[0, 0, 0, 1],
-    velocity=[0.1, -0.3, 0.2],
-    acceleration=[6.0, 4.0, -8.0],
-    angular_velocity=[2.0, 0, 0],
-    angular_acceleration=[60.0, 0.0, 0.0],
-)
-SPRING = EndMotion(
-    start=0.0,
-    duration=0.2,
-    position=[1.0, 0, 0],
-    orientation=[0, 0, 0, 1],
-    velocity=[0.2, 0.1, -0.5],
-    acceleration=[-8.0, 6.0, 12.0],
-)
 # The inextensible method solves other equations; its own tests measure it.
 SAME_EQUATIONS = [method for method in METHODS.values() if method.name != "rattle"]
 
 
 def motions(springs_move):
-    return {"start": CLAMP} | ({"end": SPRING} if springs_move else {})
+    """They go on beyond the run, so that velocities at its end are those of moving ends."""
+    return MOTIONS if springs_move else {"start": MOTIONS["start"]}
 
 
 @cache

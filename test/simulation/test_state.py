@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cables import FULL, FULLY_DAMPED, SOFT, scene_of, set_state, simulator
+from cables import FULL, FULLY_DAMPED, SINE_LOAD, SOFT, scene_of, set_state, simulator
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import METHODS
@@ -10,13 +10,7 @@ from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.simulator import Simulator
 
-LOAD = {
-    "loads.tip.signal": "sine",
-    "loads.tip.frequency": 7.0,
-    "loads.tip.force": [0.3, 0.5, -0.4],
-    "loads.tip.torque": [0.02, 0.01, -0.02],
-    "loads.tip.position": 0.6,
-}
+LOAD = SINE_LOAD | {"loads.tip.position": 0.6}
 CONSTANT = LOAD | {"loads.tip.signal": "constant"}
 CLAMP = EndMotion(
     start=0.0,
