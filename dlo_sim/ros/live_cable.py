@@ -34,7 +34,14 @@ from dlo_sim.session.drive import Prepared
 from dlo_sim.session.intake import Transforms
 from dlo_sim.session.saved_state import StateKeeper
 from dlo_sim.session.session import Session, SessionStatus
-from dlo_sim.session.topics import PLAN, Naming, input_topics, plan_topics, possible_outputs
+from dlo_sim.session.topics import (
+    OBSTACLES,
+    PLAN,
+    Naming,
+    input_topics,
+    plan_topics,
+    possible_outputs,
+)
 from dlo_sim.simulation.simulator import Snapshot
 
 _LONGEST_WAIT = 50_000_000  # [ns] for a phase
@@ -74,6 +81,7 @@ class LiveCable:
         self._early: dict[str, bytes] = {}
         self._restarts = 0  # of the session that viewers know of
         self._back_ns = 0  # longest step back of the clock since the last tick
+        self._ignores_markers = False  # and has said so
         self._timers: list[Timer] = []  # none while it is not active
         with ExitStack() as opened:
             self._open(opened, read_only)
@@ -409,6 +417,13 @@ class LiveCable:
         self._outputs.publish_diagnostics(encode_diagnostic_array(now, self._naming.node, statuses))
         self._keeper.keep(self._session)
         self._reports.log(self._session.journal, sources)
+        if not (self._ignores_markers or self._session.scene.contact.markers):
+            self._ignores_markers = self._node.count_publishers(OBSTACLES) > 0
+            if self._ignores_markers:
+                self._log.warning(
+                    f"{OBSTACLES}: is published, but adds no obstacle, as contact.markers is 0; "
+                    "set it to the largest number of obstacles"
+                )
 
 
 def _answered(response: Any, success: bool, message: str) -> Any:

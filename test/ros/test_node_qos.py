@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, WrenchStamped
 from node_harness import CABLE, START, NodeProcess, Peer
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from visualization_msgs.msg import MarkerArray
 
 KEPT = 2
 QOS = {
@@ -74,3 +75,9 @@ def test_an_override_is_for_its_own_topic_alone(peer: Peer) -> None:
     ):
         found = peer.node.get_subscriptions_info_by_topic(f"/dlo_sim/{topic}")
         assert [info.qos_profile.reliability for info in found] == [reliability]
+
+
+def test_markers_of_obstacles_that_are_not_used_are_said(peer: Peer, node: NodeProcess) -> None:
+    assert "contact.markers" not in node.output
+    peer.node.create_publisher(MarkerArray, "/dlo_sim/obstacles", 1)
+    peer.until(lambda: "contact.markers is 0; set it" in node.output, "warning")
