@@ -58,6 +58,11 @@ LYING: Values = {
 }
 LIFTED: Values = {"end.tangent": [1.0, 0.0, 0.0], "damping.mass": 3.0, "damping.bend": 1e-3}
 BELT_FRICTION, DRUM_FRICTION = 0.5, 0.3
+DRUM, TAIL, THICK = (
+    0.05,
+    0.15,
+    0.0025,
+)  # [m], radius of the drum, straight ends, radius of the cable
 
 
 class Answer(NamedTuple):
@@ -123,7 +128,7 @@ def motion(seconds: float, position: Array, velocity: Array) -> EndMotion:
     )
 
 
-def lifted(clamped: bool, points: int) -> Measured:
+def lifted(clamped: bool, points: int, step: float = 1e-3, lift: float = LIFT) -> Measured:
     """The end of a lying cable lifted by delta, and held horizontal or pinned: it lifts off over
     a = (72 EI delta / w)^(1/4) or (24 EI delta / w)^(1/4). A stiffness k of the table lets it lift
     off earlier, by (4 EI / k)^(1/4).
@@ -131,11 +136,11 @@ def lifted(clamped: bool, points: int) -> Measured:
     held: Values = {"discretization.control_points": points, "end.fixed": [False, False, True]}
     if clamped:
         held |= {"end.fixed": [True] * 3, "end.clamped": True}
-    sim = simulator(LYING, LIFTED, held, step=1e-3)
-    way = np.array([0.0, 0.0, LIFT / 0.5])
+    sim = simulator(LYING, LIFTED, held, step=step)
+    way = np.array([0.0, 0.0, lift / 0.5])
     sim.set_motion("end", motion(0.5, np.array([0.6, 0.0, 0.0025]), way))
     seconds = advanced(sim, 6.0)
-    length = ((72.0 if clamped else 24.0) * EI * LIFT / WEIGHT) ** 0.25
+    length = ((72.0 if clamped else 24.0) * EI * lift / WEIGHT) ** 0.25
     u = np.linspace(sim.contact("table").u.max(), 0.6, 20_001)
     off = u[np.flatnonzero(sim.centerline(u)[:, 2] > 0.0025)[0]]
     force, moment = sim.reaction("end")
@@ -148,27 +153,40 @@ def lifted(clamped: bool, points: int) -> Measured:
     return Measured(tuple(answers), seconds, sim)
 
 
-def capstan(wrap: float, points: int, drum: Values | None = None) -> Measured:
+def wound(wrap: float) -> tuple[float, Callable[[float], tuple[float, float, float]]]:
+    """Length of a cable over the top of the drum, with straight ends along the tangents, and its
+    place by material coordinate.
+    """
+    bend, half = DRUM + THICK, 0.5 * wrap
+    length = wrap * bend + 2.0 * TAIL
+    cosine, sine = math.cos(half), math.sin(half)
+
+    def place(u: float) -> tuple[float, float, float]:
+        beyond = max(TAIL - u, 0.0), max(u - length + TAIL, 0.0)
+        angle = min(max((u - TAIL) / bend, 0.0), wrap) - half
+        x = bend * math.sin(angle) + (beyond[1] - beyond[0]) * cosine
+        return x, 0.0, bend * math.cos(angle) - (beyond[0] + beyond[1]) * sine
+
+    return length, place
+
+
+def capstan(
+    wrap: float,
+    points: int,
+    drum: Values | None = None,
+    step: float = 1e-3,
+    friction: float = DRUM_FRICTION,
+) -> Measured:
     """A flexible cable drawn slowly over a drum against 1 N: the pull is exp(mu wrap) N.
 
     `drum`: what else than a cylinder it is, of diameter 0.1 m about the y axis.
     """
-    radius, tail, thick, half = 0.05, 0.15, 0.0025, 0.5 * wrap
-    bend = radius + thick  # of the axis of the cable
-    length = wrap * bend + 2.0 * tail
-    cosine, sine = math.cos(half), math.sin(half)
-
-    def place(u: float) -> tuple[float, float, float]:
-        """Wound over the top of the drum, with straight tails along the tangents."""
-        beyond = max(tail - u, 0.0), max(u - length + tail, 0.0)
-        angle = min(max((u - tail) / bend, 0.0), wrap) - half
-        x = bend * math.sin(angle) + (beyond[1] - beyond[0]) * cosine
-        return x, 0.0, bend * math.cos(angle) - (beyond[0] + beyond[1]) * sine
-
+    length, place = wound(wrap)
+    cosine, sine = math.cos(0.5 * wrap), math.sin(0.5 * wrap)
     sim = simulator(
         {
             "cable.length": length,
-            "cable.diameter": 2.0 * thick,
+            "cable.diameter": 2.0 * THICK,
             "cable.linear_density": 0.05,
             "cable.axial_stiffness": 500.0,
             "cable.bending_stiffness": 1e-6,
@@ -182,25 +200,25 @@ def capstan(wrap: float, points: int, drum: Values | None = None) -> Measured:
             "loads.weight.force": [cosine, 0.0, -sine],
             "obstacles.names": ["drum"],
             "obstacles.drum.shape": "cylinder",
-            "obstacles.drum.size": [2.0 * radius, 2.0 * radius, 0.2],
+            "obstacles.drum.size": [2.0 * DRUM, 2.0 * DRUM, 0.2],
             "obstacles.drum.orientation": [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)],
-            "obstacles.drum.friction": DRUM_FRICTION,
+            "obstacles.drum.friction": friction,
             "contact.stiffness": STIFF,
             "discretization.control_points": points,
             "terms.out_of_plane": "off",
         },
         drum or {},
-        step=1e-3,
+        step=step,
     )
-    wound = np.zeros((points, 4))
-    wound[:, :3] = bspline.interpolate(sim.model.knots, np.array([place(u) for u in sim.greville]))
-    sim.start_from(wound)
-    sim.set_motion("start", motion(4.0, wound[0, :3], -0.02 * np.array([cosine, 0.0, sine])))
+    shape = np.zeros((points, 4))
+    shape[:, :3] = bspline.interpolate(sim.model.knots, np.array([place(u) for u in sim.greville]))
+    sim.start_from(shape)
+    sim.set_motion("start", motion(4.0, shape[0, :3], -0.02 * np.array([cosine, 0.0, sine])))
     seconds, pulls = advanced(sim, 1.8), []
     for _ in range(40):
         seconds += advanced(sim, 0.03)
         pulls.append(float(np.linalg.norm(sim.reaction("start")[0])))
-    exact = math.exp(DRUM_FRICTION * wrap)
+    exact = math.exp(friction * wrap)
     return Measured((Answer("pull [N]", exact, float(np.mean(pulls))),), seconds, sim)
 
 

@@ -146,6 +146,8 @@ class Report:
             draw(panel, lines, x, y, log, title, looks, **look)
             if equal:
                 panel.set_aspect("equal")
+        for panel in axes[len(panels) :]:
+            panel.set_axis_off()
         self.figure(name, figure, caption)
 
     def heat_map(self, name: str, header: str, rows: Rows, caption: str) -> None:

@@ -79,22 +79,24 @@ def peer_runs(case: Case, truth: Array, quick: bool, absent: list[str]) -> list[
             continue
         settings = [one.partition("/") for one in words.split()[: 1 if quick else None]]
         jobs = [_job(case, int(n), float(step or 0.0)) for n, _, step in settings]
-        replies, trouble = _replies(python, peer, jobs)
+        found_there, trouble = replies(python, ["peer.py", peer], jobs)
         absent += [f"{name} on {case.name}: {trouble}"] if trouble else []
-        for job, reply in zip(jobs, replies, strict=False):
+        for job, reply in zip(jobs, found_there, strict=False):
             found.append(_judged(f"{name} {reply['version']}".strip(), case, truth, job, reply))
     return found
 
 
-def _replies(
-    python: str, peer: str, jobs: list[dict[str, Any]]
+def replies(
+    python: str, command: list[str], jobs: list[dict[str, Any]]
 ) -> tuple[list[dict[str, Any]], str]:
-    """Results of jobs, and what went wrong if there are fewer."""
+    """Results of jobs that a script of this folder runs with its arguments, and what went wrong if
+    there are fewer.
+    """
     try:
         # MuJoCo writes a log to its working directory.
         with tempfile.TemporaryDirectory(prefix="dlo_sim_") as folder:
             done = subprocess.run(
-                [python, str(Path(__file__).with_name("peer.py")), peer],
+                [python, str(Path(__file__).with_name(command[0])), *command[1:]],
                 input=json.dumps(jobs),
                 capture_output=True,
                 text=True,
