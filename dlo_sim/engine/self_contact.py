@@ -4,7 +4,7 @@
 at fixed material coordinates. Two segments touch unless they are closer than `chain.apart` along
 the cable. At the shares s, t of the two, m = a(s) - b(t) is the vector between their axes, and
     d^2 = min over s, t of |m|^2 + r_a (s - 1/2)^2 + r_b (t - 1/2)^2
-their smoothed squared distance: r, a few hundredths of the squared length of a segment, makes s and
+their smoothed squared distance: r, a small share of the squared length of a segment, makes s and
 t unique and continuous where segments are parallel. The gap is g = d - diameter.
 
 **A step** from (s0, t0, d0) to (s1, t1, d1). The squared distance is a minimum of functions that
@@ -58,7 +58,7 @@ from dlo_sim.engine.skyline import add_entry, begin_skyline, open_skyline, reach
 from dlo_sim.terms.one_sided import depth
 from dlo_sim.terms.vectors import combined, cross, dot
 
-BLUNT = 0.04  # r in squared lengths of a segment: d is up to 0.25 % of the diameter too large
+BLUNT = 0.005  # r in squared lengths of a segment: more makes strands that slide feel segments
 CONE = 0.8  # cosine to its first edge, of a stretch of the cable that cannot touch itself
 TURN = 0.1  # change of edges, in their lengths, until such stretches are looked for anew
 # Change of an edge, in its length, in a step that is repeated in halves: with FOLD at both ends a

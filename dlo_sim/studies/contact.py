@@ -117,10 +117,10 @@ def sliding(force: float, step: float) -> Measured:
     return Measured((Answer("kinetic energy [J]", exact, sim.energy().kinetic),), seconds, sim)
 
 
-def motion(seconds: float, position: Array, velocity: Array) -> EndMotion:
-    """A motion at constant velocity from time 0."""
+def motion(seconds: float, position: Array, velocity: Array, start: float = 0.0) -> EndMotion:
+    """A motion at constant velocity from time `start`."""
     return EndMotion(
-        start=0.0,
+        start=start,
         duration=seconds,
         position=position,
         orientation=rotations.IDENTITY,
@@ -384,6 +384,75 @@ def pegs(points: int) -> Measured:
 
 
 # Name -> test as a function of its resolution, the resolutions, and the largest error allowed.
+KNOT_EI, KNOT_SHORTER = 1e-3, (0.5, 0.3)  # [N m^2], end shortenings [m]
+
+
+def knot(points: int) -> Measured:
+    """Pull F of a loose overhand knot without friction: F e^2 / (2 pi^2 EI) = 1 with the end
+    shortening e, but for the thickness, whose effect is taken as proportional to 1 / e and
+    extrapolated to zero.
+    """
+    t = np.linspace(-2.05, 2.05, 4000)
+    x, y = 0.05 * (t**3 - 3.0 * t), 0.04 * (t**4 - 4.0 * t**2)
+    loop = np.stack((x, y, 0.003 * (t**5 - 10.0 * t)), axis=1)
+    tail = 0.25 * np.linspace(0.0, 1.0, 200)[:, None]
+    before, after = loop[0] - loop[1], loop[-1] - loop[-2]
+    path = np.vstack(
+        (
+            loop[0] + tail[:0:-1] * before / np.linalg.norm(before),
+            loop,
+            loop[-1] + tail[1:] * after / np.linalg.norm(after),
+        )
+    )
+    s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    length, axial = float(s[-1]), 2e3
+    u = np.linspace(0.0, length, 20 * points)
+    basis = bspline.evaluate(np.eye(points), bspline.clamped_knots(points, length), u)
+    dense = np.stack([np.interp(u, s, path[:, axis]) for axis in range(3)], axis=1)
+    place = np.linalg.lstsq(basis, dense, rcond=None)[0]
+    sim = simulator(
+        {
+            "cable.length": length,
+            "cable.diameter": 0.002,
+            "cable.linear_density": 0.05,
+            "cable.axial_stiffness": axial,
+            "cable.bending_stiffness": KNOT_EI,
+            "damping.air_drag": 0.5,
+            "damping.bend": 5e-3,
+            "damping.stretch": 1e-3,
+            "gravity": [0.0, 0.0, 0.0],
+            "contact.self": "on",
+            "terms.twist": "off",
+            "terms.out_of_plane": "on",
+            "start.fixed": [True] * 3,
+            "end.fixed": [True] * 3,
+            "start.position": place[0].tolist(),
+            "end.position": place[-1].tolist(),
+            "discretization.control_points": points,
+            "discretization.knots": "uniform",
+        },
+        step=4e-3,
+    )
+    sim.start_from(np.hstack([place, np.zeros((points, 1))]))
+    chord = place[-1] - place[0]
+    along, apart = chord / np.linalg.norm(chord), float(np.linalg.norm(chord))
+    seconds, factors = 0.0, []
+    for wanted in KNOT_SHORTER:
+        way = length - wanted - apart
+        moving = way / 0.3
+        for name, sign in (("start", -0.5), ("end", 0.5)):
+            place_now = sim.end_pose(name)[0]
+            sim.set_motion(name, motion(moving, place_now, sign * 0.3 * along, sim.time))
+        seconds += advanced(sim, moving + 5.0)
+        apart += way
+        pull = abs(float(sim.reaction("end")[0] @ along))
+        shorter = wanted + pull * length / axial
+        factors.append(pull * shorter**2 / (2.0 * math.pi**2 * KNOT_EI))
+    (loose, tight), (e, less) = factors, KNOT_SHORTER
+    factor = (loose * e - tight * less) / (e - less)
+    return Measured((Answer("F e^2 / (2 pi^2 EI)", 1.0, factor),), seconds, sim)
+
+
 TESTS: dict[str, tuple[Callable[..., Measured], tuple[float, ...], float]] = {
     "sliding rod, 5 N": (partial(sliding, 5.0), (1e-2, 5e-3, 1e-3), 0.01),
     "sliding rod, 8 N": (partial(sliding, 8.0), (1e-2, 5e-3, 1e-3), 0.01),
@@ -396,6 +465,7 @@ TESTS: dict[str, tuple[Callable[..., Measured], tuple[float, ...], float]] = {
     "conveyor": (conveyor, (5e-3, 1e-3), 0.01),
     "column between walls": (column, (43, 83), 0.02),
     "chain over pegs": (pegs, (60, 100), 0.005),
+    "loose overhand knot": (knot, (100, 140), 0.05),
 }
 HEADER = "test | resolution | quantity | exact | measured | error [%] | allowed [%] | run time [s]"
 CHART = "test | run time [s] | largest error [%]"

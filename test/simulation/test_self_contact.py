@@ -125,6 +125,14 @@ def test_only_contact_keeps_strands_from_passing():
     assert between < -0.5 * DIAMETER
 
 
+def test_contact_too_soft_to_hold_is_counted():
+    """Steps in which strands pass are repeated down to small ones, then counted."""
+    sim = thrown({"contact.stiffness": 100.0}, DAMPED, speed=10.0, step=5e-4)
+    assert sim.advance(0.006).status.ok
+    assert sim.cable.account.crossed > 0.0
+    assert any("contact.self: it passed through itself in" in line for line in sim.warnings)
+
+
 def test_a_knot_is_tightened():
     """The ends of an overhand knot are pulled apart: it locks, and nothing passes through."""
     sim, points = along(overhand(), HELD, DAMPED, {"contact.friction": 0.2})
