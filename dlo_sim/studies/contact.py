@@ -453,6 +453,81 @@ def knot(points: int) -> Measured:
     return Measured((Answer("F e^2 / (2 pi^2 EI)", 1.0, factor),), seconds, sim)
 
 
+TURNS, COILED = 8, 0.6  # turns of one end, length [m]
+
+
+def plectoneme(points: int) -> Measured:
+    """Link of a cable that is twisted by 8 turns and coils about itself as its clamps approach: the
+    turns of its end, as the sum of twist and writhe.
+    """
+    clamp: Values = {"fixed": [True] * 3, "clamped": True, "tangent": [1.0, 0.0, 0.0]}
+    sim = simulator(
+        {
+            "cable.length": COILED,
+            "cable.diameter": 0.004,
+            "cable.linear_density": 0.05,
+            "cable.axial_stiffness": 1e3,
+            "cable.bending_stiffness": 1e-3,
+            "cable.torsional_stiffness": 1e-3,
+            "damping.air_drag": 0.3,
+            "damping.bend": 5e-3,
+            "damping.stretch": 1e-3,
+            "damping.twist": 1e-3,
+            "gravity": [0.0, 0.0, 0.5],
+            "contact.self": "on",
+            "contact.friction": 0.1,
+            "terms.twist": "quasistatic",
+            **{f"{end}.{key}": value for end in ("start", "end") for key, value in clamp.items()},
+            "end.position": [0.97 * COILED, 0.0, 0.0],
+            "discretization.control_points": points,
+            "discretization.knots": "uniform",
+        },
+        step=2e-3,
+    )
+    seconds = 0.0
+    for duration, way, turns in ((1.0, 0.0, TURNS), (1.5, -0.2, 0)):
+        position, orientation = sim.end_pose("end")
+        end = EndMotion(
+            start=sim.time,
+            duration=duration,
+            position=position,
+            orientation=orientation,
+            velocity=[way / duration, 0.0, 0.0],
+            angular_velocity=[2.0 * math.pi * turns / duration, 0.0, 0.0],
+        )
+        sim.set_motion("end", end)
+        seconds += advanced(sim, duration)
+    twist = float(np.diff(sim.control_points[[0, -1], 3])[0]) / (2.0 * math.pi)
+    link = twist + writhe(sim.centerline(np.linspace(0.0, COILED, 8 * points + 1)))
+    return Measured((Answer("link [turns]", TURNS, link),), seconds, sim)
+
+
+def writhe(line: Array) -> float:
+    """Writhe of a polygon (m, 3) whose ends go on straight along x: of all pairs of its edges, the
+    solid angle of the directions in which they are seen to cross, over 2 pi (Klenin and Langowski
+    2000, method 1a).
+    """
+    far = np.array([[40.0 * COILED, 0.0, 0.0]])
+    line = np.vstack((line[:1] - far, line, line[-1:] + far))
+    first, second = np.triu_indices(len(line) - 1, 2)
+    begin, end = line[:-1], line[1:]
+    corners = [
+        begin[second] - begin[first],
+        end[second] - begin[first],
+        end[second] - end[first],
+        begin[second] - end[first],
+    ]
+    normals = [
+        np.cross(one, other) for one, other in zip(corners, corners[1:] + corners[:1], strict=True)
+    ]
+    units = [n / (np.linalg.norm(n, axis=1)[:, None] + 1e-300) for n in normals]
+    angles = np.zeros(len(first))
+    for one, other in zip(units, units[1:] + units[:1], strict=True):
+        angles += np.arcsin(np.clip(np.sum(one * other, axis=1), -1.0, 1.0))
+    edges = np.cross(end[second] - begin[second], end[first] - begin[first])
+    return float(np.sum(angles * np.sign(np.sum(edges * corners[0], axis=1)))) / (2.0 * math.pi)
+
+
 TESTS: dict[str, tuple[Callable[..., Measured], tuple[float, ...], float]] = {
     "sliding rod, 5 N": (partial(sliding, 5.0), (1e-2, 5e-3, 1e-3), 0.01),
     "sliding rod, 8 N": (partial(sliding, 8.0), (1e-2, 5e-3, 1e-3), 0.01),
@@ -466,6 +541,7 @@ TESTS: dict[str, tuple[Callable[..., Measured], tuple[float, ...], float]] = {
     "column between walls": (column, (43, 83), 0.02),
     "chain over pegs": (pegs, (60, 100), 0.005),
     "loose overhand knot": (knot, (100, 140), 0.05),
+    "plectoneme": (plectoneme, (40, 60), 0.00125),
 }
 HEADER = "test | resolution | quantity | exact | measured | error [%] | allowed [%] | run time [s]"
 CHART = "test | run time [s] | largest error [%]"

@@ -10,6 +10,7 @@ from dlo_sim.core import bspline, mass, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.selection import is_implicit
+from dlo_sim.studies.contact import plectoneme
 
 DIAMETER, COUNT = 0.005, 26
 CABLE = {
@@ -162,6 +163,15 @@ def test_a_knot_is_tightened():
     assert len(found.u) > 10
     assert found.total > pulled[-1]
     np.testing.assert_allclose(found.points, sim.centerline(found.u), atol=1e-12)
+
+
+def test_a_twisted_cable_that_coils_keeps_its_link():
+    """To a hundredth of a turn; one crossing would change it by two."""
+    found = plectoneme(40)
+    assert found.answers[0].value == pytest.approx(8.0, abs=0.01)
+    account = found.simulator.cable.account
+    assert account.crossed == account.pairs_lost == 0.0
+    assert found.simulator.contacts["itself"].total > 0.1
 
 
 def test_a_snapshot_continues_bit_for_bit():
