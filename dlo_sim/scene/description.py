@@ -303,7 +303,8 @@ class Contact:
 
 
 SHAPES = ("plane", "box", "sphere", "cylinder", "capsule", "ring", "channel", "mesh")
-IN_MEMORY = "triangles:"  # begin of the name of a mesh that is no file
+# What the name of a mesh begins with that is no file: one kept in the process, or itself as text.
+IN_MEMORY, IN_TEXT = "triangles:", "base64:"
 
 
 @dataclass(frozen=True)
@@ -377,8 +378,8 @@ class Obstacle:
 
     @property
     def mesh_url(self) -> str:
-        """Where other programs find the file of its mesh; empty for triangles in memory."""
-        if self.mesh.startswith(IN_MEMORY):
+        """Where other programs find the file of its mesh; empty for triangles without a file."""
+        if self.mesh.startswith((IN_MEMORY, IN_TEXT)):
             return ""
         if "://" in self.mesh:
             return self.mesh
@@ -913,15 +914,20 @@ class Scene:
         such that the weight on earth leads to the penetration DEPTH."""
         return self.contact.stiffness or self.cable.mu * EARTH / (DEPTH * self.cable.diameter)
 
-    def friction_of(self, obstacle: Obstacle) -> float:
-        """Coefficient of friction of the cable on an obstacle."""
-        return self.contact.friction if obstacle.friction < 0.0 else obstacle.friction
+    def friction_of(self, one: Obstacle | Grasp) -> float:
+        """Coefficient of friction of the cable on an obstacle, or in a grasp that slides."""
+        return self.contact.friction if one.friction < 0.0 else one.friction
 
     @property
     def rubbing(self) -> Names:
         """Names of the obstacles that rub on the cable."""
         touched = self.bodies if self.touches else ()
         return tuple(one.name for one in touched if self.friction_of(one) > 0.0)
+
+    @property
+    def rubs_itself(self) -> bool:
+        """Whether the cable touches itself with friction."""
+        return self.contact.self == "on" and self.contact.friction > 0.0
 
     @property
     def ends(self) -> dict[str, End]:
@@ -1120,7 +1126,7 @@ TERMS = (
     ),
     Term(
         "friction",
-        needed=lambda scene: bool(scene.rubbing),
+        needed=lambda scene: bool(scene.rubbing) or scene.rubs_itself,
         absent="nothing that the cable touches has friction (contact.friction is 0)",
     ),
     Term(

@@ -61,7 +61,7 @@ EVENTS: dict[str, str] = {
     "late": "a message arrived after the simulation had passed its time; it takes effect now, "
     "measured points are rejected",
     "full": "more measurements wait than fit; the oldest is lost",
-    "not_added": "an obstacle was not added: the cable is inside it, or there are contact.markers",
+    "not_added": "an obstacle was not added: the cable is inside it, or contact.markers are there",
     "jumped": "an obstacle would have to move faster than inputs.max_speed; it stays where it is",
     "not_taken": "a gripper was to take the cable where it is already held",
     "slipped_out": "the end of the cable has slipped out of a grasp that slides",

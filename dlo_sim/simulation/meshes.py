@@ -18,13 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.engine import distance_field
-from dlo_sim.scene.description import IN_MEMORY, Obstacle
+from dlo_sim.scene.description import IN_MEMORY, IN_TEXT, Obstacle
 from dlo_sim.scene.loading import SceneError
 
 Array = NDArray[np.float64]
 _HEADER = 84  # bytes of a binary STL before its triangles
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-IN_TEXT = "base64:"  # begin of a text that is the mesh itself
 MOST_TRIANGLES = 1_000_000
 SAME = 1e-6  # share of the extent below which two corners are one
 BORDER = 4  # cells of the grid around a mesh, beside the radius of the cable

@@ -2,7 +2,6 @@
 
 import math
 import re
-import time
 
 import numpy as np
 import pytest
@@ -115,6 +114,8 @@ def test_a_mesh_holds_the_cable(tmp_path, kept):
         session = Session(saved.scene, resume=saved)
         run(session, [], 1.5, begin=1.0)
     assert session.simulator.scene.added[0].shape == "mesh"
+    (shown,) = session.messages((), ["~/contacts"])  # as triangles, since there is no file
+    assert cdr.read(cdr.MARKER_ARRAY, shown.data).markers[1].type == cdr.TRIANGLE_LIST
     force = session.simulator.contact("cell/0").force
     assert force[2] == pytest.approx(weight(session), rel=5e-2)
     assert session.simulator.centerline([0.15])[0, 2] == pytest.approx(-0.017, abs=1e-3)
@@ -226,10 +227,9 @@ def fallen():
 
 def test_ten_thousand_at_once_are_refused_unread(fallen):
     raw = array(T0 + 2 * SECOND, *[plate(k) for k in range(8)])
-    raw = raw[:4] + (10_000).to_bytes(4, "little") + raw[8:] * 1250
-    record, began = fallen.journal.topics[TOPIC], time.process_time()
+    raw = raw[:4] + (10_000).to_bytes(4, "little") + bytes([255]) * len(raw)  # unreadable
+    record = fallen.journal.topics[TOPIC]
     fallen.receive(TOPIC, raw, T0 + 2 * SECOND)
-    assert time.process_time() - began < 0.1
     assert record.last_refusal == (
         f"too_many: 10000 markers in {len(raw)} bytes, 7 at most are used; publish "
         "visualization_msgs/msg/MarkerArray"

@@ -98,6 +98,7 @@ def test_strands_that_collide_keep_momentum_and_account(friction):
         if friction == 0.0:
             np.testing.assert_allclose(turned, spin, atol=1e-11 * np.linalg.norm(spin))
     assert touched > 1e-6
+    assert ("friction" in sim.active_terms) == (friction > 0.0)
     assert sim.energy_error < 1e-8
     lost = float(sim.cable.account.dissipated)
     assert (lost > 1e-5) if friction else (lost == 0.0)
