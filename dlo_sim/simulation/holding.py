@@ -209,8 +209,7 @@ def law_of_slide(grasp: Grasp, scene: Scene) -> tuple[float, float, float, float
     cable = scene.cable
     weight, pull = cable.mu * EARTH * cable.length, 1e-3 * cable.EA
     stiffness = max(weight, pull) / (SLIDE_DEPTH * cable.diameter)
-    friction = scene.contact.friction if grasp.friction < 0.0 else grasp.friction
-    return stiffness, grasp.tangent_spring, friction, grasp.grip
+    return stiffness, grasp.tangent_spring, scene.friction_of(grasp), grasp.grip
 
 
 def stiffness_of_roll(holder: Holder, scene: Scene) -> float:

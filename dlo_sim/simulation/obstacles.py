@@ -16,7 +16,7 @@ from dlo_sim.engine import contact
 from dlo_sim.engine.arrays import MARGIN, MOTION_SIZE, CableArrays
 from dlo_sim.engine.arrays import Contact as ContactArrays
 from dlo_sim.engine.grasps import DURATION, FRAME, POSITION, START, TURN
-from dlo_sim.scene.description import EARTH, Obstacle, Scene
+from dlo_sim.scene.description import EARTH, LOSSY, Obstacle, Scene
 from dlo_sim.scene.needs import inextensible
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.arrays import COARSE, to_blocks
@@ -174,12 +174,14 @@ def stiffness(scene: Scene, obstacle: Obstacle) -> float:
 
 def rests_damped(scene: Scene) -> bool:
     """Whether the method of the scene can dissipate in contact (`description.RESTRICTIONS`)."""
-    return not inextensible(scene) and scene.integrator.method != "energy_momentum_4"
+    return not inextensible(scene) and scene.integrator.method in ("auto", *LOSSY)
 
 
-def law(scene: Scene, obstacle: Obstacle) -> tuple[float, ...]:
-    """k, c, k_t, c_t and mu of an obstacle (`engine.contact`)."""
-    k, mu = stiffness(scene, obstacle), scene.cable.mu
+def law(scene: Scene, k: float, friction: float) -> tuple[float, ...]:
+    """The law of contact (`engine.contact`) with this stiffness k [N/m^2] and friction: k, c, k_t,
+    c_t and mu.
+    """
+    mu = scene.cable.mu
     share = scene.contact.damping
     if share < 0.0:
         share = DAMPED if rests_damped(scene) else 0.0
@@ -189,7 +191,7 @@ def law(scene: Scene, obstacle: Obstacle) -> tuple[float, ...]:
         2.0 * share * math.sqrt(k * mu),
         tangential,
         BRISTLE_DAMPED * math.sqrt(tangential * mu),
-        scene.friction_of(obstacle),
+        friction,
     )
 
 
@@ -425,7 +427,7 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
         core = core_of(obstacle, radius)
         flat = core.kind == contact.HALF_SPACE
         group.core[k], group.half[k], group.reach[k] = core
-        group.law[k] = law(scene, obstacle)
+        group.law[k] = law(scene, stiffness(scene, obstacle), scene.friction_of(obstacle))
         group.middle[k] = math.inf if flat else MIDDLE * (min(core.half) + core.reach)
         if core.kind == contact.MESH:
             _fill_field(obstacle, radius, group, k)

@@ -17,15 +17,7 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.obstacles import (
-    BRISTLE_DAMPED,
-    BRISTLES,
-    DAMPED,
-    THROWN_DEPTH,
-    Contact,
-    rests_damped,
-    values_of_spans,
-)
+from dlo_sim.simulation.obstacles import THROWN_DEPTH, Contact, law, values_of_spans
 
 Array = NDArray[np.float64]
 SEGMENT = 0.5  # length of a segment in diameters, of the longest span
@@ -54,22 +46,6 @@ def stiffness(scene: Scene, segment: float) -> float:
     return max(hung, thrown)
 
 
-def law(scene: Scene, segment: float) -> tuple[float, ...]:
-    """k, c, k_t, c_t and mu (`engine.contact`)."""
-    k, mu = stiffness(scene, segment), scene.cable.mu
-    share = scene.contact.damping
-    if share < 0.0:
-        share = DAMPED if rests_damped(scene) else 0.0
-    tangential = BRISTLES * k
-    return (
-        k,
-        2.0 * share * math.sqrt(k * mu),
-        tangential,
-        BRISTLE_DAMPED * math.sqrt(tangential * mu),
-        scene.contact.friction,
-    )
-
-
 def fill(scene: Scene, arrays: CableArrays, knots: Array) -> None:
     """Constants of the contact of the cable of a scene with itself."""
     chain, diameter = arrays.chain, scene.cable.diameter
@@ -80,7 +56,8 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array) -> None:
     chain.basis[:] = to_blocks(values_of_spans(knots, xi))
     chain.arc[: len(lengths)], chain.length[: len(lengths)] = ends[:-1], lengths / count
     chain.diameter, chain.apart = diameter, APART * diameter
-    chain.law[:] = law(scene, float(lengths.max()) / count)
+    k = stiffness(scene, float(lengths.max()) / count)
+    chain.law[:] = law(scene, k, scene.contact.friction)
 
 
 # -- how near it comes to itself -----------------------------------------------------------------
