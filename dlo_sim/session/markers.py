@@ -196,7 +196,7 @@ class Surroundings(Waiting[Markers]):
                         self._ends[name] = stamp_ns + lifetime_ns
         for name in [name for name, end_ns in self._ends.items() if end_ns <= now_ns]:
             self._forget(name, there, moving)
-        self._surround(before, there, simulator, driven)
+        self._replace(before, there, simulator, driven)
         for name, (obstacle, way_ns) in moving.items():
             self._move(name, obstacle, max(way_ns, step_ns) / SECOND, simulator, driven)
 
@@ -228,14 +228,14 @@ class Surroundings(Waiting[Markers]):
                 moving[name] = obstacle, min(stamp_ns - last_ns, round(LONGEST * SECOND))
         self._said[name] = obstacle, stamp_ns
 
-    def _surround(
+    def _replace(
         self,
         before: Mapping[str, Obstacle],
         there: Mapping[str, Obstacle],
         simulator: Simulator,
         driven: Simulator | ErrorEstimate,
     ) -> None:
-        """Have these obstacles instead of those before, as far as they can be added."""
+        """Replace the obstacles before by these, as far as they can be added."""
         kept = [one for name, one in there.items() if before.get(name) == one]
         for name, one in there.items():
             if before.get(name) == one:
@@ -253,7 +253,7 @@ class Surroundings(Waiting[Markers]):
                 self._ends.pop(name, None)
             else:
                 kept.append(one)
-        driven.surround(tuple(kept))
+        driven.replace_added(tuple(kept))
 
     def _move(
         self,

@@ -194,10 +194,10 @@ class ErrorEstimate:
         """Let new companions continue a motion that the simulator has in progress."""
         self._move(end, motion.rest(self.simulator.time))
 
-    def surround(self, added: tuple[Obstacle, ...]) -> None:
-        """See `Simulator.surround`."""
+    def replace_added(self, added: tuple[Obstacle, ...]) -> None:
+        """See `Simulator.replace_added`."""
         for simulator in self._all():
-            simulator.surround(added)
+            simulator.replace_added(added)
 
     def take(self, grasp: str, at: float | None = None) -> None:
         """See `Simulator.take`."""

@@ -742,7 +742,7 @@ class Simulator:
             check_added(found, obstacle)
             self.check_obstacle(obstacle)
             found = replace(found, added=(*found.added, obstacle))
-        self.surround(found.added)
+        self.replace_added(found.added)
 
     def check_obstacle(self, obstacle: Obstacle) -> None:
         """Refuse an obstacle that the cable is inside of now.
@@ -762,11 +762,11 @@ class Simulator:
         """
         known = [one.name for one in self.scene.added]
         gone = {arguments.one_of("obstacle", name, known) for name in names}
-        self.surround(tuple(one for one in self.scene.added if one.name not in gone))
+        self.replace_added(tuple(one for one in self.scene.added if one.name not in gone))
 
-    def surround(self, added: tuple[Obstacle, ...]) -> None:
-        """Have these obstacles, which are not checked, beside those of the scene: new ones rest at
-        their poses, the others go on as they do.
+    def replace_added(self, added: tuple[Obstacle, ...]) -> None:
+        """Replace the obstacles that were added to those of the scene, without checking them: new
+        ones rest at their poses, those that were there continue their motion.
 
         Raises:
             ValueError: the method, or terms.contact, allows none.
@@ -1183,7 +1183,7 @@ class Simulator:
         same ends, grasps and loads. Call it only before the first step.
         """
         arguments.instance("other", other, Simulator, "one that runs")
-        self.surround(other.scene.added)
+        self.replace_added(other.scene.added)
         points, rates = other.cable.points, other.velocities
         way = other._origin - self._origin
         points[:, :3] += way
@@ -1296,7 +1296,7 @@ class Simulator:
             mesh = as_text(obstacles.surface(Obstacle("box", "box")))
             body = Obstacle("body", "mesh", position=(x, y, z), mesh=mesh, mesh_cells=8)
             for ahead in ((ball,), (body,)):
-                self.surround(ahead)
+                self.replace_added(ahead)
                 self._stepper.advance(0, 0)
                 self.contacts  # noqa: B018, as the diagnostics read them
             self.restore(self._initial)
