@@ -117,6 +117,7 @@ TERMS = {
     "bishop": Term(BISHOP, TWIST, "terms.twist is not bishop"),
     "quasistatic": Term({"terms.twist": "quasistatic"}, BISHOP, "terms.twist is not quasistatic"),
     "contact": Term(GROUND, {"terms.contact": "off"}, along=("friction",)),
+    "self_contact": Term({"contact.self": "on"}, {"contact.self": "off"}),
     "friction": Term({"contact.friction": 0.3}, _smooth),
     "plasticity": Term(YIELDING, {"terms.plasticity": "off"}),
     "gravity": Term({"terms.gravity": "on"}, {"terms.gravity": "off"}),

@@ -106,6 +106,15 @@ def test_strands_that_collide_keep_momentum_and_account(friction):
     assert sim.clearance_to_itself > -DIAMETER
 
 
+def test_bristles_of_contacts_that_end_are_counted():
+    """Steps so long that contacts jump away from segments on which they rubbed."""
+    rough = {"contact.friction": 0.3, "contact.damping": 0.0, "integrator.tolerance": 1e-11}
+    sim = thrown(rough, {"cable.bending_stiffness": 1e-4}, step=1e-3)
+    assert sim.advance(0.1).status.ok
+    assert sim.energy_error < 1e-7
+    assert float(sim.cable.account.dissipated) > 1e-4
+
+
 def test_only_contact_keeps_strands_from_passing():
     """Seen along y, the strands that cross keep their order at 10 m/s, and lose it without."""
 
