@@ -124,7 +124,9 @@ def nearest(model: Model, points: Array, diameter: float, limit: float = math.in
     shapes = np.einsum("skp,skd->spd", polynomials, hulls)
     line, u = _POWERS @ shapes, 0.5 * (ends @ np.stack((1.0 - _XI, 1.0 + _XI)))
     far = _distances(line[first], line[second], u[first], u[second], apart)
-    if far.min() == math.inf:  # two thirds of the search are the refinement
+    # Two thirds of the search are the refinement; it moves both places by less than their spacing.
+    spacing = 2.0 * float((ends[:, 1] - ends[:, 0]).max()) / (PLACES - 1)  # stretched to twice
+    if far.min() == math.inf or far.min() > (limit + diameter + spacing) ** 2:
         return Nearest(math.inf, (0.0, float(ends[-1, 1])))
     k, i, j = np.unravel_index(int(np.argmin(far)), far.shape)
     a, b, step = int(first[k]), int(second[k]), 2.0 / (PLACES - 1)
