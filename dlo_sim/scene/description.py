@@ -1724,6 +1724,8 @@ def check_added(scene: Scene, obstacle: Obstacle) -> None:
     taken = set(scene.holders) | {one.name for one in scene.bodies}
     if obstacle.name in taken:
         raise refusal("obstacles", obstacle.name, "is there already; remove it before")
+    if obstacle.name in _NAMED["obstacles"]:
+        raise refusal("obstacles", obstacle.name, "means the cable itself; give another name")
     if obstacle.driven:
         raise SceneError(
             f"obstacles.{obstacle.name}: is moved by Simulator.move_obstacle, not poses"

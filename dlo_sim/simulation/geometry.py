@@ -197,6 +197,8 @@ def _first_line(scene: Scene, geometries: Geometries, u: Array) -> Array:
         direction = rotations.rotate(geometry.orientation, geometry.tangent)
         line[here] = geometry.attachment + (u[here] - begin)[:, None] * direction
     for (begin, one), (end, other) in pairwise(places):
+        if begin == end:  # a gripper that slides, or a spring, where something else holds, too
+            continue
         here = (u >= begin) & (u <= end)
         share = (u[here] - begin) / (end - begin)
         line[here] = _arc(scene, one.attachment, other.attachment, end - begin, share)

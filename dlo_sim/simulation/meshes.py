@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import math
 import os
 from functools import lru_cache
 from pathlib import Path
@@ -25,6 +26,7 @@ Array = NDArray[np.float64]
 _HEADER = 84  # bytes of a binary STL before its triangles
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 MOST_TRIANGLES = 1_000_000
+MOST_VALUES = 20_000_000  # of a field: 160 MB, and three times as much while it is made
 SAME = 1e-6  # share of the extent below which two corners are one
 BORDER = 4  # cells of the grid around a mesh, beside the radius of the cable
 _kept: dict[str, Array] = {}
@@ -105,10 +107,13 @@ def field_of(obstacle: Obstacle, radius: float) -> Field:
     """The field of a mesh that a cable of this radius [m] touches.
 
     Raises:
-        SceneError: as `triangles_of`.
+        SceneError: as `triangles_of`, or a mesh that is far smaller than the cable is thick.
     """
     triangles = triangles_of(obstacle)
-    return _made(triangles.tobytes(), obstacle.mesh_cells, radius)
+    try:
+        return _made(triangles.tobytes(), obstacle.mesh_cells, radius)
+    except ValueError as error:
+        raise SceneError(f"obstacles.{obstacle.name}.mesh_cells: {error}") from None
 
 
 def triangles_of(obstacle: Obstacle) -> Array:
@@ -217,13 +222,22 @@ def problem_of(triangles: Array) -> str:
 
 @lru_cache(maxsize=16)
 def _made(triangles: bytes, cells: int, radius: float) -> Field:
-    """The field of triangles, with this number of cells along the longest side."""
+    """The field of triangles, with this number of cells along the longest side.
+
+    Raises:
+        ValueError: it has more than MOST_VALUES values, as around a mesh in the wrong unit.
+    """
     corners = np.frombuffer(triangles).reshape(-1, 3, 3).copy()
     points = corners.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     size = float((high - low).max()) / cells
     border = BORDER + int(np.ceil(radius / size))
     shape = np.ceil((high - low) / size).astype(int) + 1 + 2 * border
+    if math.prod(shape.tolist()) > MOST_VALUES:
+        raise ValueError(
+            f"{cells} cells along a mesh of {size * cells:.3g} m, and as small ones around it for a "
+            f"cable {2.0 * radius:.3g} m thick, are too many; check mesh_scale, or give fewer"
+        )
     origin = 0.5 * (low + high) - 0.5 * size * (shape - 1)
     numbers = np.concatenate([origin, [1.0 / size], low, high])
     values, *spare = (np.zeros(shape) for _ in range(3))

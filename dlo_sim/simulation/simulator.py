@@ -760,8 +760,13 @@ class Simulator:
         Raises:
             TypeError, ValueError: no such obstacle; none of them is removed.
         """
-        known = [one.name for one in self.scene.added]
+        known = [one.name for one in self.scene.bodies]
         gone = {arguments.one_of("obstacle", name, known) for name in names}
+        for name in sorted(gone - {one.name for one in self.scene.added}):
+            raise ValueError(
+                f"obstacle: {name!r} is of the scene, and only added ones can be removed; move it "
+                "away"
+            )
         self.replace_added(tuple(one for one in self.scene.added if one.name not in gone))
 
     def replace_added(self, added: tuple[Obstacle, ...]) -> None:

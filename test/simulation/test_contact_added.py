@@ -103,6 +103,7 @@ def test_a_box_that_comes_pushes_the_cable_aside():
         (Obstacle("ball", "sphere", (0.0, 0.0, 0.0)), "obstacles.ball.size: .* has a zero"),
         (Obstacle("ball", "sphere", (np.nan,) * 3), r"obstacles.ball.size\[0\]: nan is not finite"),
         (Obstacle("start", "sphere"), "obstacles: 'start' is there already"),
+        (Obstacle("itself", "sphere"), "obstacles: 'itself' means the cable itself"),
         (Obstacle("ball", "sphere", position=(0.1, 0, 0)), "the cable begins 0.049 m inside it"),
         (Obstacle("ball", "sphere", pose_topic="/ball"), "ball: is moved by Simulator.move_obs"),
     ],
@@ -118,6 +119,9 @@ def test_unknown_ones_and_explicit_methods_are_refused():
     sim = lying(**{"integrator.method": "velocity_verlet", "integrator.step": 0.0})
     with pytest.raises(ValueError, match="obstacle: 'table' is not known"):
         sim.remove_obstacles(["table"])
+    floor = lying(**{"obstacles.names": ["floor"], "obstacles.floor.position": [0.0, 0.0, -1.0]})
+    with pytest.raises(ValueError, match="'floor' is of the scene, and only added ones can be"):
+        floor.remove_obstacles(["floor"])
     with pytest.raises(ValueError, match="none can be added with integrator.method velocity_ve"):
         sim.add_obstacles([TABLE])
     with pytest.raises(ValueError, match="velocity_verlet is not valid with contact.markers 4"):

@@ -140,6 +140,12 @@ def test_a_mesh_that_is_no_solid_is_refused(tmp_path, content, problem):
     assert "\n" not in str(error.value)
 
 
+def test_a_mesh_in_the_wrong_unit_is_refused():
+    problem = "mesh_cells: 48 cells along a mesh of 1e-07 m, .* a cable 0.01 m thick, are too many"
+    with pytest.raises(SceneError, match=problem):
+        lying(solids.box(0.1, 0.1, 0.1), {"obstacles.body.mesh_scale": 1e-6})
+
+
 def test_meshes_without_a_file_are_refused():
     with pytest.raises(SceneError, match="obstacles.body.mesh: '' is no file"):
         simulator(LYING)

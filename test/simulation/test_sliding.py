@@ -134,6 +134,18 @@ def test_what_has_slid_is_kept() -> None:
     assert simulator.held_at("guide") is None
 
 
+def test_a_guide_can_begin_where_something_else_holds() -> None:
+    held = HUNG | {"end.fixed": [True] * 3}
+    other = {"at": 0.5, "position": [0.5, 0.0, 0.0], "slides": True}
+    twice = held | {"grasps.names": ["guide", "other"]}
+    twice |= {f"grasps.other.{key}": value for key, value in other.items()}
+    for at, values in ((0.0, held), (0.5, twice), (1.0, held)):
+        simulator = Simulator(scene(values, at=at, position=[at, 0.0, 0.0]))
+        assert simulator.advance(0.05).status.ok
+        for name in simulator.slides:
+            assert simulator.held_at(name) == pytest.approx(at, abs=0.01)
+
+
 @pytest.mark.parametrize(
     ("key", "value", "cure"),
     [
