@@ -235,8 +235,8 @@ def _made(triangles: bytes, cells: int, radius: float) -> Field:
     shape = np.ceil((high - low) / size).astype(int) + 1 + 2 * border
     if math.prod(shape.tolist()) > MOST_VALUES:
         raise ValueError(
-            f"{cells} cells along a mesh of {size * cells:.3g} m, and as small ones around it for a "
-            f"cable {2.0 * radius:.3g} m thick, are too many; check mesh_scale, or give fewer"
+            f"{cells} cells along a mesh of {size * cells:.3g} m, and as small ones around it for "
+            f"a cable {2.0 * radius:.3g} m thick, are too many; check mesh_scale, or give fewer"
         )
     origin = 0.5 * (low + high) - 0.5 * size * (shape - 1)
     numbers = np.concatenate([origin, [1.0 / size], low, high])
