@@ -384,6 +384,82 @@ def pegs(points: int) -> Measured:
 
 
 # Name -> test as a function of its resolution, the resolutions, and the largest error allowed.
+def laid_along(path: Array, points: int) -> tuple[float, Array]:
+    """Length of a path of dense points (m, 3), and control points of a cable along it."""
+    s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    u = np.linspace(0.0, s[-1], 20 * points)
+    basis = bspline.evaluate(np.eye(points), bspline.clamped_knots(points, s[-1]), u)
+    dense = np.stack([np.interp(u, s, path[:, axis]) for axis in range(3)], axis=1)
+    return float(s[-1]), np.asarray(np.linalg.lstsq(basis, dense, rcond=None)[0])
+
+
+LEG, BOW = 0.15, 0.03  # length of the legs of a loop, and its radius [m]
+
+
+def linked(points: int) -> Measured:
+    """Two loops of one cable, one through the other, are pulled apart: the force between them is
+    the tension of both legs of a loop.
+    """
+    t = np.linspace(0.0, 1.0, 400)[:, None]
+    angle, none = np.pi * (0.5 - t), 0.0 * t
+    loop = np.vstack(
+        (
+            np.hstack((LEG * (t - 1.0), BOW + none, none)),
+            BOW * np.hstack((np.cos(angle), np.sin(angle), none)),
+            np.hstack((-LEG * t, none - BOW, none)),
+        )
+    )
+    other = -loop[:, [0, 2, 1]]  # opens to the other side, in the plane across
+    ends, ways = (loop[-1], other[0]), ([-0.6, -0.15, 0.0], [-0.6, 0.15, -0.1])
+    between = (
+        ends[0] * (2.0 * t**3 - 3.0 * t**2 + 1.0)
+        + ways[0] * (t**3 - 2.0 * t**2 + t)
+        + ends[1] * (3.0 * t**2 - 2.0 * t**3)
+        + ways[1] * (t**3 - t**2)
+    )
+    between[:, 1] -= 0.25 * np.sin(np.pi * t[:, 0]) ** 2
+    length, place = laid_along(np.vstack((loop, between, other)), points)
+    leg = 2.0 * LEG + math.pi * BOW
+    knots = bspline.clamped_knots(points, length)
+    held = {"near": leg, "far": length - leg}
+    grasps: Values = {"grasps.names": list(held)}
+    for name, u in held.items():
+        grasps[f"grasps.{name}.at"] = u / length
+        grasps[f"grasps.{name}.position"] = bspline.evaluate(place, knots, [u])[0].tolist()
+    sim = simulator(
+        grasps,
+        {
+            "cable.length": length,
+            "cable.diameter": 0.005,
+            "cable.linear_density": 0.05,
+            "cable.axial_stiffness": 500.0,
+            "cable.bending_stiffness": 1e-3,
+            "damping.air_drag": 0.3,
+            "damping.bend": 2e-3,
+            "damping.stretch": 1e-3,
+            "gravity": [0.0, 0.0, 0.0],
+            "contact.self": "on",
+            "terms.twist": "off",
+            "terms.out_of_plane": "on",
+            "start.fixed": [True] * 3,
+            "end.fixed": [True] * 3,
+            "start.position": place[0].tolist(),
+            "end.position": place[-1].tolist(),
+            "discretization.control_points": points,
+            "discretization.knots": "uniform",
+        },
+        step=2e-3,
+    )
+    sim.start_from(np.hstack([place, np.zeros((points, 1))]))
+    for name in ("far", "end"):
+        sim.set_motion(name, motion(0.6, sim.end_pose(name)[0], np.array([0.1, 0.0, 0.0])))
+    seconds = advanced(sim, 2.0)
+    found = sim.contacts["itself"]
+    force = np.linalg.norm(found.forces[found.u < leg].sum(axis=0))
+    tension = float(sim.tension(np.array([0.1, leg - 0.1])).sum())
+    return Measured((Answer("force [N]", tension, float(force)),), seconds, sim)
+
+
 KNOT_EI, KNOT_SHORTER = 1e-3, (0.5, 0.3)  # [N m^2], end shortenings [m]
 
 
@@ -404,12 +480,8 @@ def knot(points: int) -> Measured:
             loop[-1] + tail[1:] * after / np.linalg.norm(after),
         )
     )
-    s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
-    length, axial = float(s[-1]), 2e3
-    u = np.linspace(0.0, length, 20 * points)
-    basis = bspline.evaluate(np.eye(points), bspline.clamped_knots(points, length), u)
-    dense = np.stack([np.interp(u, s, path[:, axis]) for axis in range(3)], axis=1)
-    place = np.linalg.lstsq(basis, dense, rcond=None)[0]
+    length, place = laid_along(path, points)
+    axial = 2e3
     sim = simulator(
         {
             "cable.length": length,
@@ -540,6 +612,7 @@ TESTS: dict[str, tuple[Callable[..., Measured], tuple[float, ...], float]] = {
     "conveyor": (conveyor, (5e-3, 1e-3), 0.01),
     "column between walls": (column, (43, 83), 0.02),
     "chain over pegs": (pegs, (60, 100), 0.005),
+    "linked loops": (linked, (70, 100), 0.01),
     "loose overhand knot": (knot, (100, 140), 0.05),
     "plectoneme": (plectoneme, (40, 60), 0.00125),
 }

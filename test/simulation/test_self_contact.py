@@ -10,7 +10,7 @@ from dlo_sim.core import bspline, mass, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.selection import is_implicit
-from dlo_sim.studies.contact import plectoneme
+from dlo_sim.studies.contact import linked, plectoneme
 
 DIAMETER, COUNT = 0.005, 26
 CABLE = {
@@ -173,6 +173,14 @@ def test_a_knot_is_tightened():
     assert len(found.u) > 10
     assert found.total > pulled[-1]
     np.testing.assert_allclose(found.points, sim.centerline(found.u), atol=1e-12)
+
+
+def test_linked_loops_bear_the_tension_of_their_legs():
+    """Penetration below a hundredth of the diameter; with grasps between control points."""
+    found = linked(70)
+    assert abs(found.answers[0].error) < 0.01
+    assert found.answers[0].exact > 3.0
+    assert -0.01 * DIAMETER < found.simulator.contacts["itself"].clearance < 0.0
 
 
 def test_a_twisted_cable_that_coils_keeps_its_link():
