@@ -66,6 +66,7 @@ EVERY = 0.01  # [s] between two looks
 STRAIGHT = 0.7  # of the length between two places, above which their distance says nothing
 NEIGHBOURS = 3  # spans along the cable that are not compared unless it turns by 60 degrees there
 PLACES = 9  # of a span, that are compared before the nearest is refined
+MOVED = 0.2  # of the shortest edge, by which control points may move until all is looked at again
 _XI = np.linspace(-1.0, 1.0, PLACES)
 DEEP = 0.5  # diameters, inside itself, in which no cable may begin
 
@@ -75,22 +76,40 @@ class Nearest(NamedTuple):
 
     Attributes:
         clearance: gap between the surfaces [m], negative where they overlap. u: material
-            coordinates of both places [m].
+            coordinates of both places [m]. room: by which control points may move along an axis
+            [m] until strands can overlap; not above 0 if they do.
     """
 
     clearance: float
     u: tuple[float, float]
+    room: float = 0.0
+
+
+class _Spans(NamedTuple):
+    """Of the spans of a cable: powers of xi by control point, shape (spans, 4, 4), both ends [m],
+    rest lengths of the edges between control points [m], and of all pairs that are far enough apart
+    along the cable to touch the numbers, and whether they are neighbours.
+    """
+
+    polynomials: Array
+    ends: Array
+    rest: Array
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+    beside: NDArray[np.bool_]
 
 
 @lru_cache(maxsize=8)
-def _polynomials(knots: bytes) -> tuple[Array, Array, Array]:
-    """Of every span: powers of xi by control point, shape (spans, 4, 4), and both ends [m]; and the
-    rest lengths of the edges between control points [m].
-    """
+def _spans(knots: bytes, apart: float) -> _Spans:
     vector = np.frombuffer(knots)
     ends = bspline.breaks(vector)
-    edges = (vector[4:-1] - vector[1:-4]) / 3.0
-    return bspline.span_polynomials(vector), np.stack((ends[:-1], ends[1:]), axis=1), edges
+    first, second = np.triu_indices(len(ends) - 1)
+    far = ends[second + 1] - ends[first] > apart
+    first, second = first[far], second[far]
+    rest = (vector[4:-1] - vector[1:-4]) / 3.0
+    sides = np.stack((ends[:-1], ends[1:]), axis=1)
+    beside = second <= first + NEIGHBOURS
+    return _Spans(bspline.span_polynomials(vector), sides, rest, first, second, beside)
 
 
 _POWERS = _XI[:, None] ** np.arange(bspline.ACTIVE)
@@ -101,33 +120,41 @@ def nearest(model: Model, points: Array, diameter: float, limit: float = math.in
     diameter, but for neighbouring places and those with a nearly straight cable between them;
     infinitely far if there are no others, or if all clearances exceed `limit`.
     """
-    polynomials, ends, rest = _polynomials(model.knots.tobytes())
+    apart = APART * diameter
+    polynomials, ends, rest, first, second, beside = _spans(model.knots.tobytes(), apart)
     edges = np.diff(points[:, :3], axis=0)
     chord = points[-1, :3] - points[0, :3]
     # The tangent is a mean of edges over their rest lengths: where all of these advance along the
     # chord, no two places are nearer than STRAIGHT of what is between them. Found in 10 us, not 50.
     if (edges @ chord > STRAIGHT * math.sqrt(chord @ chord) * rest).all():
-        return Nearest(math.inf, (0.0, float(ends[-1, 1])))
-    apart, spans = APART * diameter, len(ends)
-    hulls = np.stack([points[k : spans + k, :3] for k in range(bspline.ACTIVE)], axis=1)
+        room = MOVED * float(rest.min()) / math.sqrt(3.0)
+        return Nearest(math.inf, (0.0, float(ends[-1, 1])), room)
+    hulls = points[np.arange(len(ends))[:, None] + np.arange(bspline.ACTIVE), :3]
     middle = hulls.mean(axis=1)
-    size = np.sqrt(((hulls - middle[:, None]) ** 2).sum(axis=2).max(axis=1))
-    first, second = np.triu_indices(spans)
-    gaps = np.linalg.norm(middle[first] - middle[second], axis=1) - size[first] - size[second]
-    edges /= np.linalg.norm(edges, axis=1)[:, None] + 1e-300
+    from_middle = hulls - middle[:, None]
+    size = np.sqrt(np.einsum("skd,skd->sk", from_middle, from_middle).max(axis=1))
+    between = middle[first] - middle[second]
+    gaps = np.sqrt(np.einsum("kd,kd->k", between, between)) - size[first] - size[second]
+    lengths = np.sqrt(np.einsum("kd,kd->k", edges, edges)) + 1e-300
+    edges /= lengths[:, None]
     turned = np.einsum("kd,kd->k", edges[first], edges[second + 2]) < 0.5
-    possible = (gaps < limit + diameter) & (ends[second, 1] - ends[first, 0] > apart)
-    possible &= turned | (second > first + NEIGHBOURS)
+    seen = turned | ~beside
+    possible = seen & (gaps < limit + diameter)
+    others = float(gaps[seen & ~possible].min(initial=math.inf)) - diameter
+
+    def room_for(clearance: float) -> float:
+        return min(0.5 * clearance, 0.5 * others, MOVED * float(lengths.min())) / math.sqrt(3.0)
+
     first, second = first[possible], second[possible]
     if not len(first):
-        return Nearest(math.inf, (0.0, float(ends[-1, 1])))
+        return Nearest(math.inf, (0.0, float(ends[-1, 1])), room_for(math.inf))
     shapes = np.einsum("skp,skd->spd", polynomials, hulls)
     line, u = _POWERS @ shapes, 0.5 * (ends @ np.stack((1.0 - _XI, 1.0 + _XI)))
     far = _distances(line[first], line[second], u[first], u[second], apart)
     # Two thirds of the search are the refinement; it moves both places by less than their spacing.
     spacing = 2.0 * float((ends[:, 1] - ends[:, 0]).max()) / (PLACES - 1)  # stretched to twice
     if far.min() == math.inf or far.min() > (limit + diameter + spacing) ** 2:
-        return Nearest(math.inf, (0.0, float(ends[-1, 1])))
+        return Nearest(math.inf, (0.0, float(ends[-1, 1])), room_for(limit))
     k, i, j = np.unravel_index(int(np.argmin(far)), far.shape)
     a, b, step = int(first[k]), int(second[k]), 2.0 / (PLACES - 1)
     best, places = (float(_XI[i]), float(_XI[j])), (float(u[a, i]), float(u[b, j]))
@@ -146,7 +173,8 @@ def nearest(model: Model, points: Array, diameter: float, limit: float = math.in
         _, i, j = np.unravel_index(int(np.argmin(far)), far.shape)
         best, step = (float(tried[0][i]), float(tried[1][j])), step / 3.0
         places = float(at[0][i]), float(at[1][j])
-    return Nearest(math.sqrt(far.min()) - diameter, places)
+    clearance = math.sqrt(far.min()) - diameter
+    return Nearest(clearance, places, room_for(clearance))
 
 
 def _distances(one: Array, other: Array, u: Array, v: Array, apart: float) -> Array:
@@ -170,6 +198,7 @@ class Watch:
         self.looks = self.close = 0
         self.since = -math.inf  # time of the last look [s]
         self.first = 0.0  # time at which it was close first [s]
+        self._seen, self._room = np.zeros((0, 0)), 0.0  # control points of a look, and its `room`
         self.least = Nearest(math.inf, (0.0, 0.0))
 
     def look(self, model: Model, x: Array, diameter: float, time: float) -> None:
@@ -178,9 +207,12 @@ class Watch:
             return
         self.since = time
         self.looks += 1
+        if self._seen.shape == x.shape and np.abs(x - self._seen).max() < self._room:
+            return
         points = np.zeros((model.n, 3))
         points[:, : len(x)] = x.T
-        found = nearest(model, points, diameter, limit=0.0)
+        found = nearest(model, points, diameter, limit=diameter)  # so that `room` is not tiny
+        self._seen, self._room = x.copy(), found.room
         if found.clearance < 0.0:
             self.first = self.first if self.close else time
             self.close += 1
@@ -192,7 +224,7 @@ class Watch:
         """One line if it was, else empty."""
         if not self.close:
             return ""
-        least, (a, b) = self.least
+        least, (a, b), _ = self.least
         return (
             f"contact.self: off, so the cable passes through itself: first at {self.first:.3g} s, "
             f"in {self.close} of {self.looks} looks, up to {-least:.2g} m deep (at {a:.3g} m and "

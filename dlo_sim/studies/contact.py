@@ -383,7 +383,6 @@ def pegs(points: int) -> Measured:
     return Measured((found,), seconds, sim)
 
 
-# Name -> test as a function of its resolution, the resolutions, and the largest error allowed.
 def laid_along(path: Array, points: int) -> tuple[float, Array]:
     """Length of a path of dense points (m, 3), and control points of a cable along it."""
     s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
@@ -600,6 +599,7 @@ def writhe(line: Array) -> float:
     return float(np.sum(angles * np.sign(np.sum(edges * corners[0], axis=1)))) / (2.0 * math.pi)
 
 
+# Name -> test as a function of its resolution, the resolutions, and the largest error allowed.
 TESTS: dict[str, tuple[Callable[..., Measured], tuple[float, ...], float]] = {
     "sliding rod, 5 N": (partial(sliding, 5.0), (1e-2, 5e-3, 1e-3), 0.01),
     "sliding rod, 8 N": (partial(sliding, 8.0), (1e-2, 5e-3, 1e-3), 0.01),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from dlo_sim.core.npz import NpzRefused, read_npz
 from dlo_sim.core.strain import strain
 from dlo_sim.replay.bags import Bag, BagError
 from dlo_sim.scene.description import Obstacle, Scene
-from dlo_sim.scene.refusal import SceneError, printable
+from dlo_sim.scene.refusal import SceneError, one_line, printable
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import KNOTS
 from dlo_sim.session.topics import CONTACTS, CONTROL_POINTS, DIAGNOSTICS, REACTION, resolved
@@ -410,7 +411,11 @@ def _surroundings(stamps: NDArray[np.int64], shown: dict[int, Any]) -> dict[str,
             mesh = Obstacle("", "mesh", mesh=corners, mesh_scale=size[0])
             try:
                 triangles = surface(mesh)
-            except SceneError:  # its file is not here
+            except SceneError:
+                warnings.warn(
+                    f"{CONTACTS}: {one_line(corners)} is no mesh here; this obstacle is not drawn",
+                    stacklevel=2,
+                )
                 continue
         else:
             triangles = surface(Obstacle("", _SHAPES[kind], size))

@@ -9,6 +9,7 @@ from cables import scene_of, simulator
 from dlo_sim.core import bspline, mass, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.loading import SceneError
+from dlo_sim.simulation import self_contact
 from dlo_sim.simulation.selection import is_implicit
 from dlo_sim.studies.contact import linked, plectoneme
 
@@ -225,6 +226,27 @@ def test_without_it_passing_through_is_counted():
     assert sim.left_out["self_contact"] == "contact.self is not on"
     (line,) = [line for line in sim.warnings if line.startswith("contact.self: off")]
     assert "first at 0.015 s, in 1 of 3 looks, up to 0.0039 m deep" in line
+
+
+def test_looks_are_spared_while_nothing_can_have_come_near(monkeypatch):
+    """The strands of the hairpin approach each other until they overlap: the same is found."""
+    sim, points = along(hairpin(), FREE)
+    found, calls, nearest = [], [], self_contact.nearest
+    monkeypatch.setattr(
+        self_contact, "nearest", lambda *a, **k: calls.append(1) or nearest(*a, **k)
+    )
+    for moved in (self_contact.MOVED, 0.0):  # with 0 none is spared
+        monkeypatch.setattr(self_contact, "MOVED", moved)
+        calls.clear()
+        watch = self_contact.Watch()
+        for k in range(125):
+            x = points * (1.0, 1.0 - k / 330.0, 1.0)
+            watch.look(sim.model, x.T, DIAMETER, 0.01 * k)
+        found.append((watch.looks, watch.close, watch.first, watch.least.clearance, len(calls)))
+    assert found[0][:4] == found[1][:4]
+    assert found[0][1] > 5
+    assert found[0][4] < 0.5 * found[0][0]
+    assert found[1][4] == found[1][0]
 
 
 @pytest.mark.parametrize("method", ["velocity_verlet", "rattle", "energy_momentum_4"])
