@@ -75,8 +75,6 @@ class GroupKind(types.Type):
 
 VECTOR = Grid(types.float64, 1)
 MATRIX = Grid(types.float64, 2)
-LANE_ROWS = Grid(lanes.vector, 1)
-LANE_TABLE = Grid(lanes.vector, 2)
 
 
 class Field:

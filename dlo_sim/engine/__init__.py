@@ -1,1 +1,1 @@
-"""One cable as arrays: mesh, forces, constraints of the grasps, and the energy ledger."""
+"""One cable as arrays: mesh, forces, constraints of the grasps, contact, and the energy balance."""

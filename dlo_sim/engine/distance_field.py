@@ -43,7 +43,7 @@ def square_from(p0, p1, p2, corners):
     least, inside = FAR, size > 0.0
     for k in range(3):
         a, b = 3 * k, 3 * ((k + 1) % 3)
-        e0, e1, e2 = corners[b] - corners[a], corners[b + 1] - corners[a + 1], 0.0
+        e0, e1 = corners[b] - corners[a], corners[b + 1] - corners[a + 1]
         e2 = corners[b + 2] - corners[a + 2]
         w0, w1, w2 = p0 - corners[a], p1 - corners[a + 1], p2 - corners[a + 2]
         length = e0 * e0 + e1 * e1 + e2 * e2

@@ -3,27 +3,28 @@
 A gripper at p holds the cable at the material coordinate u through a spring of stiffness k, and its
 direction d, if at all, through one of stiffness k_t:
     U = k/2 |r(u) - p|^2 + k_t/2 |r'(u) - d|^2.
-As long as u stays this is a compliant grasp (`engine.springs`). The force that works on a change of
-u is G = - k (r - p).r' - k_t (r' - d).r''; the gripper lets the cable slide where |G| would exceed
+At constant u this is a compliant grasp (`engine.springs`). The force that does work when u changes
+is G = - k (r - p).r' - k_t (r' - d).r''; the cable slides where |G| would otherwise exceed
     mu (k |P (r - p)| + grip),
-P normal to the cable, with the force `grip` of its jaws [N]. Without friction the gripper so is at
-the point of the cable that is nearest to it. A kink that is sharper than the knot spans can follow
-prefers some places on them to others, as if there were friction: with knot spans of twice the
-bending length sqrt(EI / tension), that of a tenth of the tension.
+with the projection P normal to the cable and the force `grip` of the jaws [N]. Without friction the
+gripper is therefore at the point of the cable that is nearest to it. A kink that is sharper than
+the knot spans can represent has less energy at some places of a span than at others, which resists
+sliding as friction does: with knot spans of twice the bending length sqrt(EI / tension), by up to a
+tenth of the tension.
 
 **An implicit step** from (x0, u0, p0) to (x1, u1, p1) has, with gaps a = r - p, b = r' - d at its
 start and end, means marked by a bar, and the mean tangent t = (r(u1) - r(u0)) / (u1 - u0) of the
 mean of x0 and x1, at the end of which u1 either equals u0, or is found such that |G| is the limit,
     the force f = - k (mean a + (1/2) (t.(a1 - a0)) t / |t|^2) and - k_t (mean b) for the direction,
-which act half on the material point u0, half on u1. In its part along the cable, f has the gap at
-the end: with the mean gap, it would ring when the cable begins to slide. The gripper does the work
+of which half acts on the material point u0, half on u1. Along the cable, f contains the gap at the
+end: with the mean gap, it would oscillate when the cable begins to slide. The gripper does the work
 f.(p1 - p0) - k_t (mean b).(d1 - d0), and the loss is
     k/2 (t.(a1 - a0))^2 / |t|^2 + G (u1 - u0),
-no part of which is negative: the energy account is closed. The limit is that at the start of the
-step; with that at its end, |P a| had no derivative where the cable lies free in the gripper.
+no part of which is negative: the energy account is closed. The limit of friction is that at the
+start of the step; that at its end has no derivative, as |P a|, where the gripper does not press.
 
-Explicit steps do not know it: with u fixed in a step of length tau, friction would be too large by
-k tau/2 times the speed of sliding.
+Explicit steps cannot let the cable slide: with u fixed in a step of length tau, friction would be
+too large by k tau/2 times the speed of sliding.
 
 A cable whose end reaches the gripper slips out of it: its u is LOST from then on.
 """
@@ -157,7 +158,7 @@ def response(cable, k, u0, u1, x0, x1):
 
 @piece(float64, CABLE, int64, LINES, LINES, terms=SLIDING)
 def slid_to(cable, k, x0, x1):
-    """u1 of slide k in a step from x0 to x1, at most the ends of the cable."""
+    """Material coordinate u1 [m] of slide k at the end of a step from x0 to x1, on the cable."""
     law, u0 = cable.slides.law[k], cable.state.slide[k]
     length = cable.slides.breaks[cable.n - 3]
     u1, side = u0, 0.0
