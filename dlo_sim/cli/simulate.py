@@ -35,6 +35,7 @@ _REPORT = (
     *("status", "message", "simulated_s", "wall_s", "compile_s", "steps", "step_s", "method"),
     *("choice", "resolution", "force_evaluations", "real_time_factor", "energy_error_max"),
     *("error_estimate", "advice", "active_terms", "left_out", "notes", "contacts", "slides"),
+    "peak_tension",
 )
 
 HELP = "run a scene without ROS and record it"

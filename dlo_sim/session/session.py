@@ -13,7 +13,7 @@ The session never raises on a message or a tick, and never outputs a number that
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -491,7 +491,7 @@ class Session:
             ("energy [J]", f"{energy.total:.9g}"),
             ("kinetic energy [J]", f"{energy.kinetic:.9g}"),
             *_contact_values(simulator),
-            *((f"{name} holds [m]", f"{one.u:.6g}") for name, one in simulator.slides.items()),
+            *_tension_values(simulator),
             *self._accuracy.values(),
             ("latency [s]", f"{self._latency.ns * 1e-9:.3f}"),
             ("lag [s]", f"{lag:.3f}"),
@@ -511,6 +511,17 @@ class Session:
 
     def _new_outputs(self) -> Outputs:
         return Outputs(self.scene, len(self._drive.simulator.greville), self._naming.node)
+
+
+def _tension_values(simulator: Simulator) -> Iterator[tuple[str, str]]:
+    """The peak tension; what is held by grasps through which the cable slides, and the tension
+    before and after them.
+    """
+    if not simulator.scene.without_tension:
+        yield "peak tension [N]", f"{simulator.tension(simulator.greville).max():.6g}"
+    for name, one in simulator.slides.items():
+        yield f"{name} holds [m]", f"{one.u:.6g}"
+        yield f"{name} tensions [N]", f"{one.before:.6g}, {one.after:.6g}"
 
 
 def _contact_values(simulator: Simulator) -> list[tuple[str, str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -94,6 +95,11 @@ class Recording:
     contacts: dict[str, dict[str, Any]] = field(default_factory=dict)
     obstacles: dict[str, Array] = field(default_factory=dict)
     slides: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    @property
+    def peak_tension(self) -> float | None:
+        """The largest tension of the run [N]; None if the shape does not determine it."""
+        return None if self.tension is None else float(self.tension.max(initial=-math.inf))
 
     @property
     def ok(self) -> bool:

@@ -56,6 +56,7 @@ class MadeUp:
     centerline: Any = field(default_factory=lambda: np.ones((6, 50, 3)))
     centerline_u: Any = field(default_factory=lambda: np.linspace(0.0, 2.0, 50))
     tension: Any = None
+    peak_tension: float | None = None
     curvature: Any = field(default_factory=lambda: np.zeros((6, 50)))
     energy: Any = field(default_factory=lambda: np.zeros(6))
 

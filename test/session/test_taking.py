@@ -127,3 +127,7 @@ def test_a_cable_that_slips_out_of_a_gripper_is_noted_and_can_be_taken_again():
     assert dict(session.journal.events) == {"slipped_out": 1}
     assert session.scene.grasp("hand").taken  # by the second message
     assert session.simulator.held_at("hand") == pytest.approx(0.36, abs=0.02)
+    (status, *_) = cdr.decode_diagnostic_array(session.diagnostics(T0 + 900 * MS))[1]
+    values, slide = dict(status.values), session.simulator.slides["hand"]
+    assert values["hand tensions [N]"] == f"{slide.before:.6g}, {slide.after:.6g}"
+    assert float(values["peak tension [N]"]) > 0.0

@@ -14,7 +14,9 @@ def test_a_recording_has_the_obstacles_and_where_they_press():
     table = {"obstacles.names": ["table", "box"], "obstacles.table.position": [0.0, 0.0, -0.004]}
     table |= {"obstacles.box.shape": "box", "obstacles.box.position": [0.0, 0.5, 0.0]}
     scene = scene_from_values(LYING | table | {"accuracy.estimate": "off"})
-    found = record(scene, 0.5, 0.01).obstacles
+    recorded = record(scene, 0.5, 0.01)
+    found = recorded.obstacles
+    assert recorded.peak_tension == recorded.tension.max()
     triangles, poses = found["obstacle_triangles"], found["obstacle_poses"]
     assert poses.shape == (51, 2, 7)
     np.testing.assert_array_equal(poses[[0, 50], 0, 2], -0.004)
