@@ -37,7 +37,9 @@ APART = 1.0  # distance of samples in reaches of the smallest obstacle
 HUNG_DEPTH = 0.01
 # Penetration of a cable thrown at inputs.max_speed, in half the thickness of a body.
 THROWN_DEPTH = 0.4
-MIDDLE = 0.8  # of half the thickness of a body: so deep is near its middle
+# Of half the thickness of a body: so deep is near its middle. Samples a reach apart can cross a
+# thin body no deeper than half of it.
+MIDDLE = 0.6
 DAMPED = 0.3  # share of critical damping of contact, if the scene gives none
 # Bristles as stiff as the surface: a sliding cable is bent aside by mu times its penetration. Their
 # damping, in sqrt(k_t mu): with less, a cable that is pulled suddenly slips before it sticks.

@@ -25,6 +25,12 @@ LYING = {
     "obstacles.body.size": [0.1, 0.1, 0.2],
     "obstacles.body.position": [0.0, 0.0, 1.0],
 }
+RING = {
+    "shape": "ring",
+    "size": [0.02, 0.004, 0.0],
+    "position": [0.002, 0.0, RADIUS],
+    "orientation": [0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)],
+}
 
 
 def lying(*values, method="energy_momentum", step=2e-3):
@@ -123,6 +129,19 @@ def test_a_cable_that_is_pressed_through_a_body_is_told():
     (line,) = sim.warnings
     assert "pressed near the middle of one, and may have gone through it" in line
     assert "raise contact.stiffness, or inputs.max_speed (20 m/s)" in line
+
+
+def test_a_thin_ring_that_is_pulled_through_a_taut_cable_is_told():
+    """Its wire passes between two samples."""
+    taut = {"start.fixed": [True] * 3, "end.fixed": [True] * 3, "end.position": [0.156, 0, RADIUS]}
+    ring = {f"obstacles.body.{key}": value for key, value in RING.items()}
+    sim = lying(taut, ring, {"cable.axial_stiffness": 2e4, "initial.shape": "straight"})
+    place = EndMotion.resting(RING["position"], RING["orientation"])
+    sim.move_obstacle("body", place.then(0.3, velocity=[0.0, 0.0, 1.0]))
+    assert sim.advance(0.3).status.ok
+    assert sim.contact("body").clearance > 0.1
+    (line,) = sim.warnings
+    assert "pressed near the middle of one, and may have gone through it" in line
 
 
 def test_a_squeezed_cable_stays_finite():
