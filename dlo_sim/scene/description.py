@@ -1127,7 +1127,7 @@ TERMS = (
     Term(
         "friction",
         needed=lambda scene: bool(scene.rubbing) or scene.rubs_itself,
-        absent="nothing that the cable touches has friction (contact.friction is 0)",
+        absent="the cable touches no obstacle, nor itself, with friction",
     ),
     Term(
         "gravity",
