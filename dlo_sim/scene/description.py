@@ -283,7 +283,8 @@ class Contact:
 
     Parameters:
         self: Whether the cable touches itself, with contact.friction, instead of passing through
-            itself; needs an implicit method. auto = off, with a warning where it passes through.
+            itself; needs energy_momentum or implicit_midpoint. auto = off, with a warning where it
+            passes through.
         stiffness: Contact force per unit length and penetration depth; 0 = chosen so that under
             earth gravity a cable penetrates a plane by a thousandth of its diameter, and another
             obstacle that all of it hangs over by at most a hundredth.
