@@ -121,7 +121,7 @@ def _stage(
 ) -> tuple[Figure, Any, Callable[[int], Array | str]]:
     """Figure, axes that contain the whole motion, and a function for the colours of a frame."""
     figure = Figure(figsize=size, dpi=dpi)
-    axes: Any = figure.add_axes((0.03, 0.02, 0.76 if run.colors else 0.94, 0.96), projection="3d")
+    axes: Any = figure.add_axes((0.03, 0.02, 0.7 if run.colors else 0.94, 0.96), projection="3d")
     points = run.centerline.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     half = 0.5 * np.maximum(high - low, 0.15 * float((high - low).max())) + 1e-6
@@ -130,16 +130,18 @@ def _stage(
     axes.set_box_aspect(half)
     axes.computed_zorder = not run.bodies  # else the faces of an obstacle may cover the cable
     axes.view_init(elev=18.0, azim=_VIEWS[int(half[0] > half[1])])
-    for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True):
-        axis.set_major_locator(MaxNLocator(4))
+    for axis, name, long in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", half, strict=True):
+        axis.set_major_locator(MaxNLocator(4 if long > 0.4 * half.max() else 1))
         axis.set_label_text(f"{name} [m]", fontsize=8)
     axes.tick_params(labelsize=7, pad=0)
     if not run.colors:
         return figure, axes, lambda frame: "tab:orange"
     title, values = next(iter(run.colors.items()))
     scale = Normalize(float(values.min()), float(values.max()))
-    place = figure.add_axes((0.87, 0.2, 0.02, 0.6))
-    figure.colorbar(ScalarMappable(scale, _SCALE), cax=place).set_label(title)
+    place = figure.add_axes((0.86, 0.2, 0.02, 0.6))
+    bar = figure.colorbar(ScalarMappable(scale, _SCALE), cax=place)
+    bar.set_label(title, fontsize=8)
+    bar.ax.tick_params(labelsize=7)
     return figure, axes, lambda frame: _SCALE(scale(0.5 * (values[frame, 1:] + values[frame, :-1])))
 
 
