@@ -38,13 +38,15 @@ class Field(NamedTuple):
     Attributes:
         triangles: [m], shape (k, 3, 3). values: at the grid points [m], shape (nx, ny, nz).
         numbers: `distance_field.ORIGIN` to HIGH. coefficients: of the tricubic B-spline through the
-            values, which ends linearly, of their shape.
+            values, which ends linearly, of their shape. off: largest distance [m] that it has at
+            the middle of a triangle, as where a wall is lost between grid points.
     """
 
     triangles: Array
     values: Array
     numbers: Array
     coefficients: Array
+    off: float = 0.0
 
     def distance(self, points: Array) -> Array:
         """Signed distances [m] of points (..., 3): between grid points linear, outside of the grid
@@ -242,7 +244,8 @@ def _made(triangles: bytes, cells: int, radius: float) -> Field:
     numbers = np.concatenate([origin, [1.0 / size], low, high])
     values, *spare = (np.zeros(shape) for _ in range(3))
     distance_field.make_field(corners.reshape(-1, 9), numbers, values, *spare)
-    return Field(corners, values, numbers, _coefficients(values))
+    field = Field(corners, values, numbers, _coefficients(values))
+    return field._replace(off=float(field.distance(corners.mean(axis=1)).max()))
 
 
 def _coefficients(values: Array) -> Array:

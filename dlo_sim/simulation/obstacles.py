@@ -354,6 +354,21 @@ def thin_warning(scene: Scene) -> str:
     return ""
 
 
+def mesh_warning(scene: Scene) -> str:
+    """One line if the cable may sink into a mesh, or go through it, where its field is too coarse,
+    else empty.
+    """
+    radius = 0.5 * scene.cable.diameter
+    for obstacle in scene.bodies if scene.touches else ():
+        if obstacle.shape == "mesh" and (off := field_of(obstacle, radius).off) > radius:
+            return (
+                f"obstacles.{obstacle.name}.mesh_cells: {obstacle.mesh_cells} are too few for its "
+                f"thinnest walls, which the cable may sink into by {off:.3g} m or go through; "
+                "raise it, or split the mesh, or take boxes"
+            )
+    return ""
+
+
 def jump_warning(name: str, count: int, depth: float) -> str:
     """One line about an obstacle that jumped into the cable."""
     times = "once" if count == 1 else f"{count} times"

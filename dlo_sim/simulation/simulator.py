@@ -239,6 +239,7 @@ class Simulator:
             coiling_warning(self.scene, self.cable),
             balance_warning(self.choice.method, tolerance, error),
             obstacles.thin_warning(self.scene),
+            obstacles.mesh_warning(self.scene),
             obstacles.depth_warning(self.scene, float(account.contact_deep)),
             *(obstacles.jump_warning(name, *jumps) for name, jumps in self._jumps.items()),
             *(

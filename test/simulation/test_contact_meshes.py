@@ -146,6 +146,14 @@ def test_a_mesh_in_the_wrong_unit_is_refused():
         lying(solids.box(0.1, 0.1, 0.1), {"obstacles.body.mesh_scale": 1e-6})
 
 
+def test_a_mesh_with_walls_that_its_cells_lose_is_told():
+    place = {"obstacles.body.position": [0.0, 0.0, -0.003]}
+    assert not lying(solids.box(0.4, 0.4, 0.006), place, cells=40).warnings
+    (line,) = lying(solids.box(0.4, 0.4, 0.006), place, cells=15).warnings
+    assert "mesh_cells: 15 are too few for its thinnest walls" in line
+    assert "raise it" in line
+
+
 def test_meshes_without_a_file_are_refused():
     with pytest.raises(SceneError, match="obstacles.body.mesh: '' is no file"):
         simulator(LYING)
