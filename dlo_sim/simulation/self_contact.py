@@ -66,7 +66,9 @@ EVERY = 0.01  # [s] between two looks
 STRAIGHT = 0.7  # of the length between two places, above which their distance says nothing
 NEIGHBOURS = 3  # spans along the cable that are not compared unless it turns by 60 degrees there
 PLACES = 9  # of a span, that are compared before the nearest is refined
-MOVED = 0.2  # of the shortest edge, by which control points may move until all is looked at again
+# Shortest edges by which control points may move until all is looked at again: neighbours have to
+# turn by 60 degrees before they are compared, and by 180 before they touch.
+MOVED = 1.0
 _XI = np.linspace(-1.0, 1.0, PLACES)
 DEEP = 0.5  # diameters, inside itself, in which no cable may begin
 
