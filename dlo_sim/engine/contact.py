@@ -73,6 +73,9 @@ STIFFNESS, DAMPING, BRISTLE, BRISTLE_DAMPING, FRICTION = range(5)
 
 TINY = 1e-30
 SMOOTH = 1e-18  # [m^2], of a motion of 1e-9 m, below which n needs no directional part
+# Bound of the slope of the field of a mesh: its spline overshoots where a wall is thinner than two
+# cells (1.33 above one of 1.2 cells).
+STEEPEST = 2.0
 JUMP = 0.05  # share of the reach that a step may move past an obstacle without a look at normals
 # Share of the velocity of a lumped mass that a kick of friction may take. The mass at the end of a
 # cable is less than half of that, so half would already turn it round.
@@ -412,6 +415,8 @@ def misses(contact, o, there, dy):
     if contact.core[o] == HALF_SPACE:
         return False
     gap = there[0] - contact.reach[o]
+    if contact.core[o] == MESH:
+        gap = gap / STEEPEST
     free = where(gap, where(gap * gap - dot(dy, dy), 0.0, 1.0), 1.0)
     return lane_sum(free) == 0.0
 

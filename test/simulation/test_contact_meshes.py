@@ -154,6 +154,15 @@ def test_a_mesh_with_walls_that_its_cells_lose_is_told():
     assert "raise it" in line
 
 
+def test_a_fall_on_a_mesh_of_few_cells_keeps_the_energy_account():
+    """Its field is steeper than 1 above a wall that is thinner than two cells."""
+    values = {"obstacles.body.position": [0.0, 0.0, -0.04], "damping.mass": 0.0}
+    sim = lying(solids.box(0.8, 0.8, 0.02), values, cells=48)
+    assert sim.advance(0.3).status.ok
+    assert sim.contact("body").force[2] > 0.0
+    assert sim.energy_error < 1e-5
+
+
 def test_meshes_without_a_file_are_refused():
     with pytest.raises(SceneError, match="obstacles.body.mesh: '' is no file"):
         simulator(LYING)
