@@ -20,6 +20,7 @@ from dlo_sim.core import arguments, one_rotation, rotations
 
 Array = NDArray[np.float64]
 
+FARTHEST = 1e8  # [m], position along an axis
 # A quaternion further from unit length than this is a mistake of the caller, not rounding.
 _NORM_TOLERANCE = 1e-6
 _ZERO = (0.0, 0.0, 0.0)
@@ -85,6 +86,10 @@ class EndMotion:
                 0.5 * _three("acceleration", acceleration, "m/s^2"),
             )
         )
+        if np.abs(path[0]).max() > FARTHEST:
+            raise ValueError(
+                f"end motion: position {path[0].tolist()} m is beyond {FARTHEST:g} m; give it in m"
+            )
         turn = np.stack(
             (
                 _three("angular_velocity", angular_velocity, "rad/s"),

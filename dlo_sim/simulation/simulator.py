@@ -1246,7 +1246,8 @@ class Simulator:
                 self._ends.hold(name, held[name])
             else:
                 held[name] = replace(held[name], u=None)
-                taking += [name] * grasp.taken
+                slipped_out = before.u is None and other.scene.grasp(name).taken
+                taking += [name] * (grasp.taken and not slipped_out)
         if self.scene.grasps:
             self._activate(self._needs, held)
         return taking

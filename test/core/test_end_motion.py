@@ -122,6 +122,7 @@ def test_resting():
         ({"orientation": [0, 0, 0, 0.9]}, "norm 0.9"),
         ({"orientation": [np.nan, 0, 0, 1]}, "orientation: needs 4 finite"),
         ({"position": np.full(3, np.inf)}, "position: needs 3 finite"),
+        ({"position": [1e300, 0, 0]}, r"beyond 1e\+08 m"),
         ({"start": np.nan}, "start: needs a finite"),
         ({"duration": -0.1}, "negative"),
     ],

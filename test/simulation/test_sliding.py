@@ -110,6 +110,7 @@ def test_a_gripper_that_follows_a_cable_and_beyond_it() -> None:
     assert simulator.energy_error < 1e-8
     with pytest.raises(ValueError, match="does not hold the cable"):
         simulator.release("guide")
+    assert simulator.reconfigured(simulator.scene).held_at("guide") is None
     simulator.take("guide", at=0.9)
     assert simulator.held_at("guide") == pytest.approx(0.9)
     assert simulator.advance(0.01).status.ok
