@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -285,7 +286,7 @@ def contact_with(
     coarse, fine = by_span(rows.reshape(-1, LANES, 4), group.coarse, model.n - bspline.DEGREE)
     flat = group.core[number] == contact.HALF_SPACE
     samples = coarse if flat else fine
-    rule = plane_rule(model.knots) if flat else body_rule(model.knots, group.pieces)
+    rule = rule_of(tuple(model.knots.tolist()), 0 if flat else group.pieces)
     there = rule.weights != 0.0
     found, u = samples[there], rule.places(bspline.breaks(model.knots))[there]
     touches = np.any(found[:, 1:] != 0.0, axis=1)
@@ -481,6 +482,14 @@ def largest_frequency(model: Model) -> float:
         pressed = law[contact.STIFFNESS] * mass.gram(model.knots, rule=rule)
         largest = max(largest, spectrum.largest_of_line(pressed, model.mass(0), free))
     return largest
+
+
+@lru_cache(maxsize=16)
+def rule_of(knots: tuple[float, ...], pieces: int) -> quadrature.Quadrature:
+    """`plane_rule` if there are no pieces, else `body_rule`; kept, as a report needs it for each
+    obstacle, and a search for weights takes a tenth of a millisecond.
+    """
+    return body_rule(np.array(knots), pieces) if pieces else plane_rule(np.array(knots))
 
 
 def plane_rule(knots: Array) -> quadrature.Quadrature:

@@ -1295,7 +1295,7 @@ class Simulator:
         needs = needs_of_load(self._needs, self.scene, None, np.ones(3))
         if moments_may_come(self.scene) and "twist" in needs and "twist" not in self._needs:
             self._need(needs)
-            self._stepper.advance(0, 0)
+            self._read()
             self.restore(self._initial)
         if self.scene.contact.markers and "contact" not in self._needs:
             x, y, z = (self._origin + 1e3 * self.scene.cable.length).tolist()
@@ -1304,8 +1304,7 @@ class Simulator:
             body = Obstacle("body", "mesh", position=(x, y, z), mesh=mesh, mesh_cells=8)
             for ahead in ((ball,), (body,)):
                 self.replace_added(ahead)
-                self._stepper.advance(0, 0)
-                self.contacts  # noqa: B018, as the diagnostics read them
+                self._read()
             self.restore(self._initial)
         for grasp in self.scene.grasps:
             try:
@@ -1315,8 +1314,16 @@ class Simulator:
                     self.release(grasp.name)
             except ValueError:  # refused where it is now, not for ever
                 continue
-            self._stepper.advance(0, 0)
+            self._read()
             self.restore(self._initial)
+
+    def _read(self) -> None:
+        """Step and read the state as a node does, with the terms that are active now."""
+        self._stepper.advance(0, 0)
+        self.control_poses(np.empty((self.model.n, 7)))
+        for holder in self.scene.holders:
+            self.reaction_wrench(holder)
+        self.contacts  # noqa: B018
 
     def _need(self, needs: Needs) -> None:
         """Activate the terms and lines that these needs add; the state is kept."""
