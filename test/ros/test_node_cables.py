@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import signal
+import statistics
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -76,9 +77,11 @@ def push(peer: Peer, node: str, force: float) -> tuple[Any, WrenchStamped]:
 
 
 def period(points: list[PoseArray]) -> float:
-    """Shortest time between two stamps [s]; the machine may hold up ticks, never hasten them."""
+    """Median time between two stamps [s]: a tick that the machine holds up is further from the one
+    before it, and nearer to the next.
+    """
     stamps = [m.header.stamp.sec + m.header.stamp.nanosec * 1e-9 for m in points]
-    return min(later - stamp for stamp, later in itertools.pairwise(stamps))
+    return statistics.median(later - stamp for stamp, later in itertools.pairwise(stamps))
 
 
 def sideways(points: list[PoseArray]) -> float:
