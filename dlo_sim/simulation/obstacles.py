@@ -478,7 +478,7 @@ def largest_frequency(model: Model) -> float:
     largest = 0.0
     for core, law in zip(group.core, group.law, strict=True):
         flat = core == contact.HALF_SPACE
-        rule = plane_rule(model.knots) if flat else body_rule(model.knots, group.pieces)
+        rule = rule_of(tuple(model.knots.tolist()), 0 if flat else group.pieces)
         pressed = law[contact.STIFFNESS] * mass.gram(model.knots, rule=rule)
         largest = max(largest, spectrum.largest_of_line(pressed, model.mass(0), free))
     return largest

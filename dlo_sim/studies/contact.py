@@ -454,6 +454,16 @@ def laid_along(path: Array, points: int) -> tuple[float, Array]:
 LEG, BOW = 0.15, 0.03  # length of the legs of a loop, and its radius [m]
 
 
+STRANDS: Values = {  # held at both ends, and touch each other
+    "gravity": [0.0, 0.0, 0.0],
+    "contact.self": "on",
+    "terms.twist": "off",
+    "terms.out_of_plane": "on",
+    "start.fixed": [True] * 3,
+    "end.fixed": [True] * 3,
+}
+
+
 def linked(points: int) -> Measured:
     """Two loops of one cable, one through the other, are pulled apart: the force between them is
     the tension of both legs of a loop.
@@ -485,6 +495,7 @@ def linked(points: int) -> Measured:
         grasps[f"grasps.{name}.at"] = u / length
         grasps[f"grasps.{name}.position"] = bspline.evaluate(place, knots, [u])[0].tolist()
     sim = simulator(
+        STRANDS,
         grasps,
         {
             "cable.length": length,
@@ -495,12 +506,6 @@ def linked(points: int) -> Measured:
             "damping.air_drag": 0.3,
             "damping.bend": 2e-3,
             "damping.stretch": 1e-3,
-            "gravity": [0.0, 0.0, 0.0],
-            "contact.self": "on",
-            "terms.twist": "off",
-            "terms.out_of_plane": "on",
-            "start.fixed": [True] * 3,
-            "end.fixed": [True] * 3,
             "start.position": place[0].tolist(),
             "end.position": place[-1].tolist(),
             "discretization.control_points": points,
@@ -541,6 +546,7 @@ def knot(points: int) -> Measured:
     length, place = laid_along(path, points)
     axial = 2e3
     sim = simulator(
+        STRANDS,
         {
             "cable.length": length,
             "cable.diameter": 0.002,
@@ -550,12 +556,6 @@ def knot(points: int) -> Measured:
             "damping.air_drag": 0.5,
             "damping.bend": 5e-3,
             "damping.stretch": 1e-3,
-            "gravity": [0.0, 0.0, 0.0],
-            "contact.self": "on",
-            "terms.twist": "off",
-            "terms.out_of_plane": "on",
-            "start.fixed": [True] * 3,
-            "end.fixed": [True] * 3,
             "start.position": place[0].tolist(),
             "end.position": place[-1].tolist(),
             "discretization.control_points": points,
