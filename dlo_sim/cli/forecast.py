@@ -1,6 +1,7 @@
 """`dlo_sim forecast SCENE --plan FILE`: the future of a cable along a planned motion."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -162,9 +163,11 @@ def _contact(found: "Forecast") -> dict[str, str]:
     contact = found.contact
     if not contact:
         return {}
+    itself = contact["to_itself"]
+    strands = f" ({itself:.3g} m between strands)" if math.isfinite(itself) else ""
     line = (
-        f"{contact['total']:.3g} N in all, {contact['largest']:.3g} N by one obstacle, clearance "
-        f"{contact['clearance']:.3g} m; without friction"
+        f"{contact['total']:.3g} N in all, {contact['largest']:.3g} N by one obstacle or the cable "
+        f"itself, clearance {contact['clearance']:.3g} m{strands}; without friction"
     )
     return {"contact": line}
 

@@ -1,7 +1,6 @@
 """`dlo_sim simulate SCENE`: run a scene without ROS and record it."""
 
 import argparse
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -124,7 +123,7 @@ def _print_report(scene: str, output: Path | None, recording: "Recording") -> No
     }
     if recording.contacts:
         lines = [
-            f"{name}: {math.hypot(*one['force']) or one['total']:.3g} N, "
+            f"{name}: {one['exerted']:.3g} N, "
             f"at most {one['pressure']:.3g} N/m, clearance {one['clearance']:.3g} m"
             for name, one in recording.contacts.items()
         ]

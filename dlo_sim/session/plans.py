@@ -44,6 +44,7 @@ _CONTACT = {
     "total": "contact force [N]",
     "largest": "largest contact force [N]",
     "clearance": "clearance [m]",
+    "to_itself": "clearance to itself [m]",
 }
 _GHOST_COLOR = (0.4, 0.8, 0.4, 0.3)
 
@@ -156,7 +157,7 @@ def answer(asked: Request) -> Answer:
 def contact_values(contact: Mapping[str, float]) -> Iterator[tuple[str, str]]:
     """Keys and values for the diagnostics, of `Forecast.contact`."""
     for name, key in _CONTACT.items():
-        if name in contact:
+        if math.isfinite(contact.get(name, math.inf)):
             yield key, f"{contact[name]:.4g}"
 
 

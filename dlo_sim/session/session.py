@@ -16,8 +16,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from dlo_sim.scene.description import Scene, parameters_of
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import (
@@ -532,8 +530,7 @@ def _contact_values(simulator: Simulator) -> list[tuple[str, str]]:
     found = simulator.contacts.values()
     if not found:
         return to_itself
-    # The forces of the cable on itself cancel.
-    forces = [float(np.linalg.norm(one.force)) or one.total for one in found]
+    forces = [one.exerted for one in found]
     return to_itself + [
         ("contact force [N]", f"{sum(forces):.6g}"),
         ("largest contact force [N]", f"{max(forces):.6g}"),

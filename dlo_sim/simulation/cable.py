@@ -256,6 +256,15 @@ class Cable:
         if self.model.has(CONTACT):
             self.call(contact.place_obstacles, t)
 
+    def touch_anew(self, t: float) -> None:
+        """Begin all contacts at the present configuration and time t, without friction so far."""
+        state = self.arrays.state
+        state.bristle[:] = 0.0
+        self.place_obstacles(t)
+        if self.model.has(SELF):
+            state.pair[:] = state.balance.pairs = 0.0
+            self.call(self_contact.look)
+
     def give_way(self, obstacle: int) -> float:
         """Let an obstacle yield to the cable that is inside it; returns by how much [m]."""
         return float(self.call(contact.give_way, obstacle))

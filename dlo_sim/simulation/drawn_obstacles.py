@@ -1,19 +1,23 @@
-"""The obstacles of a run, and where they press, as arrays that a picture is drawn from."""
+"""The obstacles of a run, and where the cable touches them or itself, as arrays that a picture is
+drawn from.
+"""
 
 from __future__ import annotations
 
+import math
 from copy import deepcopy
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import rotations
-from dlo_sim.engine.arrays import CONTACT
+from dlo_sim.engine.arrays import CONTACT, SELF
 from dlo_sim.engine.grasps import DURATION
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation import obstacles
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.recorder import Recorder
+from dlo_sim.simulation.self_contact import contact_with_itself
 
 Array = NDArray[np.float64]
 MOST_LOOKS = 100  # samples of a run whose contacts are computed
@@ -21,7 +25,8 @@ PLATE = 1.4  # side of what is shown of a plane, in diagonals of the box that th
 
 
 def drawn_obstacles(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str, Array]:
-    """Obstacles along the samples of a run in which they went on as they do now; empty without.
+    """Obstacles along the samples of a run in which they went on as they do now, and where the
+    cable touches them or itself; empty if it can touch nothing.
 
     Returns:
         obstacle_triangles: surfaces, each in the frame of its obstacle [m], shape (k, 3, 3), and
@@ -29,20 +34,21 @@ def drawn_obstacles(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str,
         x, y, z, w of every obstacle at every sample, shape (T, obstacles, 7).
 
         contact_looks: the samples whose contacts are computed, up to `MOST_LOOKS` of them, shape
-        (l,). There contact_clearance: smallest gap [m], contact_total and contact_largest: sum and
-        largest of the forces of the obstacles [N], shape (l,); contact_points [m] and
-        contact_forces on the cable [N], shape (c, 3), at the samples contact_samples, shape (c,).
-        The forces are those of the pressure, without friction, which a shape does not tell.
+        (l,). There contact_clearance: smallest gap [m], contact_to_itself: that between strands of
+        the cable, infinite where it does not touch itself, contact_total and contact_largest: sum
+        and largest of what obstacles and the cable itself exert [N], shape (l,); contact_points [m]
+        and contact_forces on the cable [N], shape (c, 3), at the samples contact_samples, shape
+        (c,). The forces are those of the pressure, without friction, which a shape does not tell.
     """
-    bodies = scene.bodies
-    if not (bodies and recorder.count and cable.model.has(CONTACT)):
+    bodies = scene.bodies if cable.model.has(CONTACT) else ()
+    if not (recorder.count and (bodies or cable.model.has(SELF))):
         return {}
     times = recorder.times[: recorder.count]
     points = recorder.control_points[:, :, :3].reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     origin = cable.model.origin
     poses = np.empty((len(times), len(bodies), 7))
-    surfaces, numbers = [], []
+    surfaces, numbers = [np.zeros((0, 3, 3))], [np.zeros(0)]
     for k, (body, row) in enumerate(zip(bodies, cable.obstacles, strict=True)):
         moving = times if row[DURATION] else times[:1]
         poses[:, k] = [np.concatenate(obstacles.pose_at(row, t, origin)) for t in moving]
@@ -64,21 +70,25 @@ def drawn_obstacles(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str,
 def _contacts(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str, Array]:
     """The part of `drawn_obstacles` that has to do with contact."""
     twin, count = deepcopy(cable), recorder.count
+    bodies = scene.bodies if cable.model.has(CONTACT) else ()
     points, forces, samples = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)]
     looks = np.unique(np.linspace(0, count - 1, min(count, MOST_LOOKS)).round().astype(int))
-    gaps, sizes = [], []
+    gaps, sizes, to_itself = [], [], []
     for sample in looks:
         time = recorder.times[sample]
         twin.x[:] = recorder.lines[sample]
-        twin.arrays.state.bristle[:] = 0.0
-        twin.place_obstacles(time)
+        twin.touch_anew(time)
         poses = (obstacles.pose_at(row, time, cable.model.origin) for row in cable.obstacles)
         found = [
             obstacles.contact_with(twin, k, body, pose, None)
-            for k, (body, pose) in enumerate(zip(scene.bodies, poses, strict=True))
+            for k, (body, pose) in enumerate(zip(bodies, poses, strict=False))
         ]
+        to_itself.append(math.inf)
+        if cable.model.has(SELF):
+            found.append(contact_with_itself(twin, scene.cable.diameter))
+            to_itself[-1] = found[-1].clearance
         gaps.append(min(contact.clearance for contact in found))
-        sizes.append([float(np.linalg.norm(contact.force)) for contact in found])
+        sizes.append([contact.exerted for contact in found])
         for contact in found:
             points.append(contact.points)
             forces.append(contact.forces)
@@ -86,6 +96,7 @@ def _contacts(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str, Array
     return {
         "contact_looks": looks.astype(float),
         "contact_clearance": np.array(gaps),
+        "contact_to_itself": np.array(to_itself),
         "contact_total": np.sum(sizes, axis=1),
         "contact_largest": np.max(sizes, axis=1),
         "contact_points": np.concatenate(points),

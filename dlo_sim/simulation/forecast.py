@@ -42,7 +42,7 @@ class Forecast:
         centerline: [m], shape (S, n_c, 3). curvature: [1/m], shape (S, n_c).
         tension: [N], shape (S, n_c); None if the shape does not determine it.
         report: of the advance; after a failure only the shapes before it are given.
-        obstacles: what `drawn_obstacles` says of them, empty without. They go on as they move now,
+        obstacles: what `drawn_obstacles` says of them and of contact. They go on as they move now,
             to the end of that motion, and rest there.
     """
 
@@ -57,18 +57,19 @@ class Forecast:
 
     @property
     def contact(self) -> dict[str, float]:
-        """Largest sum `total` and largest one `largest` of the forces that obstacles exert by their
-        pressure [N], and smallest gap `clearance` [m], negative where the cable is pressed in;
-        empty without obstacles.
+        """Largest sum `total` and largest one `largest` of the forces that obstacles and the cable
+        itself exert by their pressure [N]; smallest gap `clearance` [m], negative where the cable
+        is pressed in, and that between strands `to_itself`, infinite where none are near; empty if
+        the cable can touch nothing.
         """
-        if not self.obstacles:
+        found = self.obstacles
+        if not found:
             return {}
-        total, largest = self.obstacles["contact_total"], self.obstacles["contact_largest"]
-        clearance = float(self.obstacles["contact_clearance"].min())
         return {
-            "total": float(total.max()),
-            "largest": float(largest.max()),
-            "clearance": clearance,
+            "total": float(found["contact_total"].max()),
+            "largest": float(found["contact_largest"].max()),
+            "clearance": float(found["contact_clearance"].min()),
+            "to_itself": float(found["contact_to_itself"].min()),
         }
 
     @property

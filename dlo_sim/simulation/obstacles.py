@@ -237,7 +237,7 @@ def leaves_plane(motion: EndMotion, axes: tuple[int, ...]) -> bool:
 
 
 class Contact(NamedTuple):
-    """What touches one obstacle.
+    """What touches one obstacle, or the cable itself.
 
     Attributes:
         clearance: smallest gap between the surfaces [m], negative where the cable is pressed in.
@@ -259,6 +259,13 @@ class Contact(NamedTuple):
     forces: Array
     passes: Array
     tensions: Array
+
+    @property
+    def exerted(self) -> float:
+        """Size of the sum of the forces [N]; `total` where they cancel, as those of the cable on
+        itself do.
+        """
+        return float(np.linalg.norm(self.force)) or self.total
 
     @property
     def total(self) -> float:

@@ -61,8 +61,9 @@ class Recording:
         contacts: obstacle -> `clearance` [m], `force` on the cable (3) [N], largest force per
             length `pressure` [N/m], material coordinates [m] at which the cable `passes` through a
             ring or channel, and `tensions` [N] on both sides, and sum of the sizes of all forces
-            `total` [N], at the end of the run; "itself" -> the same of the cable with itself.
-        obstacles: what `drawn_obstacles` says of them.
+            `total` [N], and the size of their sum `exerted` [N], `total` where they cancel, at the
+            end of the run; "itself" -> the same of the cable with itself.
+        obstacles: what `drawn_obstacles` says of them and of contact.
         slides: grasp through which the cable slides -> material coordinate `u` [m] that it holds
             at the end of the run, tension `before` and `after` it [N].
     """
@@ -208,6 +209,7 @@ def record_simulator(
                 "passes": one.passes.tolist(),
                 "tensions": one.tensions.tolist(),
                 "total": one.total,
+                "exerted": one.exerted,
             }
             for name, one in simulator.contacts.items()
         },

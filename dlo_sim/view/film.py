@@ -128,7 +128,8 @@ def _stage(
     middle = 0.5 * (low + high)
     axes.set(**{f"{x}lim": (m - h, m + h) for x, m, h in zip("xyz", middle, half, strict=True)})
     axes.set_box_aspect(half)
-    axes.computed_zorder = not run.bodies  # else the faces of an obstacle may cover the cable
+    # Else the faces of an obstacle may cover the cable, and the cable the contact forces.
+    axes.computed_zorder = not (run.bodies or run.forces)
     axes.view_init(elev=18.0, azim=_VIEWS[int(half[0] > half[1])])
     for axis, name, long in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", half, strict=True):
         axis.set_major_locator(MaxNLocator(4 if long > 0.4 * half.max() else 1))

@@ -36,6 +36,7 @@ _NEEDED = ("time", "control_points", "centerline")
 _FURTHER = ("tension", "curvature", "energy")
 _OBSTACLES = ("obstacle_triangles", "obstacle_of", "obstacle_poses")
 _CONTACTS = ("contact_points", "contact_forces", "contact_samples")
+_LOOKS = ("contact_looks", "contact_total", "contact_clearance")
 _LONGEST_FORCE = 0.15  # line of the largest contact force, in extents of the run
 
 
@@ -147,7 +148,7 @@ def read_recording(path: Path) -> Run:
         RunError: it is not such a file.
     """
     try:
-        found = read_npz(path, (*_NEEDED, *_FURTHER, *_OBSTACLES, *_CONTACTS))
+        found = read_npz(path, (*_NEEDED, *_FURTHER, *_OBSTACLES, *_CONTACTS, *_LOOKS))
     except NpzRefused as refused:
         raise RunError(
             f"{path}: {refused}; give an npz of dlo_sim simulate, or a bag's folder"
@@ -166,10 +167,10 @@ def read_recording(path: Path) -> Run:
     bodies: tuple[Body, ...] = ()
     forces: tuple[Array, ...] = ()
     looks = None
-    if all(name in found for name in (*_OBSTACLES, *_CONTACTS)):
+    if all(name in found for name in (*_OBSTACLES, *_CONTACTS, *_LOOKS)):
         bodies = _bodies_of(found)
-        forces, looks, total = _forces_of(found)
-        curves.append(Curve("pressure of the obstacles [N]", time, {"total": total}))
+        forces, looks = _forces_of(found)
+        curves += _curves_of(found)
     return Run(
         name=printable(path.name),
         time=time,
@@ -189,20 +190,27 @@ def _bodies_of(found: dict[str, Array]) -> tuple[Body, ...]:
     return tuple(Body(triangles[number == k], poses[:, k]) for k in range(poses.shape[1]))
 
 
-def _forces_of(
-    found: dict[str, Array],
-) -> tuple[tuple[Array, ...], NDArray[np.int64], Array]:
-    """Lines of the forces, which of them is that of each time, and sums of the forces there [N]."""
+def _curves_of(found: dict[str, Array]) -> list[Curve]:
+    """Forces and clearance where the contacts of a run were computed, as of a bag."""
+    looks, total, clearance = (found[name] for name in _LOOKS)
+    time, near = found["time"][looks.astype(int)], np.isfinite(clearance)
+    curves = [Curve(_FORCE, time, {"total": total})]
+    if near.any():
+        curves.append(Curve(_CLEARANCE, time[near], {"least": clearance[near]}))
+    return curves
+
+
+def _forces_of(found: dict[str, Array]) -> tuple[tuple[Array, ...], NDArray[np.int64]]:
+    """Lines of the forces, and which of them is that of each time."""
     points, forces, samples = (found[name] for name in _CONTACTS)
     extent = float(np.ptp(found["centerline"].reshape(-1, 3), axis=0).max())
     sizes = np.linalg.norm(forces, axis=1)
     scale = _LONGEST_FORCE * extent / max(float(sizes.max(initial=0.0)), 1e-300)
     lines = np.stack([points, points + scale * forces], axis=1)
-    known = np.unique(np.append(samples, 0.0))
+    known = found["contact_looks"]
     parts = tuple(lines[samples == sample] for sample in known)
-    sums = np.array([sizes[samples == sample].sum() for sample in known])
     times = np.arange(len(found["time"]))
-    return parts, np.searchsorted(known, times, side="right") - 1, np.interp(times, known, sums)
+    return parts, np.searchsorted(known, times, side="right") - 1
 
 
 def _checked(found: dict[str, Array]) -> dict[str, Array]:
@@ -227,11 +235,20 @@ def _checked(found: dict[str, Array]) -> dict[str, Array]:
         "contact_points": (None, 3),
         "contact_forces": (None, 3),
         "contact_samples": (None,),
+        "contact_looks": (None,),
+        "contact_total": np.shape(found.get("contact_looks", 0.0)),
     }
     checked = {"time": time, "centerline": line}
     for name, shape in shapes.items():
         if name in found:
             checked[name] = arguments.numbers(name, found[name], shape)
+    looks = checked.get("contact_looks", np.zeros(0))
+    if not np.isin(looks, np.arange(len(time))).all():
+        raise ValueError(f"contact_looks: needs numbers of the {len(time)} samples, got {looks}")
+    if "contact_clearance" in found:  # infinite where the cable is far from itself
+        clearance = found["contact_clearance"]
+        finite = np.where(clearance == np.inf, 0.0, clearance)
+        arguments.numbers("contact_clearance", finite, looks.shape)
     for name, array in checked.items():
         if np.abs(array).max(initial=0.0) > _LARGEST:
             raise ValueError(f"{name}: needs numbers up to {_LARGEST:g}, got {np.abs(array).max()}")

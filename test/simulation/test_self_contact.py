@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 from cables import scene_of, simulator
 
+from dlo_sim import Plan
 from dlo_sim.core import bspline, mass, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.loading import SceneError
+from dlo_sim.session import cdr
+from dlo_sim.session.outputs import Outputs
+from dlo_sim.session.topics import CONTACTS
 from dlo_sim.simulation import self_contact
 from dlo_sim.simulation.selection import is_implicit
 from dlo_sim.studies.contact import linked, plectoneme
@@ -82,6 +86,13 @@ def momenta(sim):
     """Momentum and angular momentum."""
     flow = mass.dense(sim.model.mass(0)) @ sim.velocities[:, :3]
     return flow.sum(axis=0), np.cross(sim.control_points[:, :3], flow).sum(axis=0)
+
+
+def shown_lines(sim):
+    """Number of the ends of the lines along contact forces that `~/contacts` shows."""
+    (message,) = Outputs(sim.scene, COUNT).messages(sim, 0, {CONTACTS})
+    (lines,) = cdr.read(cdr.MARKER_ARRAY, message.data).markers
+    return len(lines.points)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.4])
@@ -174,6 +185,16 @@ def test_a_knot_is_tightened():
     assert len(found.u) > 10
     assert found.total > pulled[-1]
     np.testing.assert_allclose(found.points, sim.centerline(found.u), atol=1e-12)
+    assert shown_lines(sim) == 2 * len(found.u)
+    forecast = sim.forecast(Plan(np.array([0.0, 0.004]), {}), 0.002)  # that the motion goes on
+    sim.advance(0.004)
+    last = sim.contacts["itself"]
+    assert forecast.contact["to_itself"] == forecast.contact["clearance"]
+    assert forecast.obstacles["contact_to_itself"][-1] == last.clearance < 0.0
+    sim.cable.touch_anew(sim.time)  # a shape tells no friction
+    total = sim.contacts["itself"].total
+    assert forecast.obstacles["contact_total"][-1] == pytest.approx(total, rel=1e-12)
+    assert 0.5 * last.total < total != last.total
 
 
 def test_linked_loops_bear_the_tension_of_their_legs():

@@ -32,12 +32,15 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     write_bag(folder / "bag", states, forces, "/dlo_sim", f"{start!r} {end!r} {reach / 0.4!r}")
     arrays = {"time": PERIOD * np.arange(TIMES), "control_points": points, "centerline": lines}
     arrays |= {"tension": tensions, "curvature": curvatures, "energy": np.zeros(TIMES)}
-    # A triangle that is carried along x, and a force of 2 N at two of the times.
+    # A triangle that is carried along x, and a force of 2 N at two of the times of looks.
     poses = np.tile([0.0, 0.1, -0.2, 0.0, 0.0, 0.0, 1.0], (TIMES, 1, 1))
     poses[:, 0, 0] = 0.01 * np.arange(TIMES)
     arrays |= {"obstacle_triangles": 0.1 * np.eye(3)[None], "obstacle_of": np.zeros(1)}
     arrays |= {"obstacle_poses": poses, "contact_samples": np.array([5.0, 10.0])}
     arrays |= {"contact_points": np.zeros((2, 3)), "contact_forces": 2.0 * np.eye(3)[:2]}
+    arrays |= {"contact_looks": np.array([0.0, 5.0, 10.0, 20.0])}
+    arrays |= {"contact_total": np.array([0.0, 2.0, 2.0, 0.0])}
+    arrays |= {"contact_clearance": np.array([np.inf, -1e-3, -1e-3, 0.01])}
     np.savez(folder / "run.npz", **arrays)
     return Made(
         scene,

@@ -38,12 +38,15 @@ def test_obstacles_and_contact_forces_of_a_recording(made):
     run = read_run(made.recording)
     (body,) = run.bodies
     np.testing.assert_allclose(body.at(7)[0], 0.1 * np.eye(3) + [0.07, 0.1, -0.2])
-    assert [len(run.forces_at(k)) for k in (0, 4, 5, 9, 10, 20)] == [0, 0, 1, 1, 1, 1]
+    assert [len(run.forces_at(k)) for k in (0, 4, 5, 9, 10, 20)] == [0, 0, 1, 1, 1, 0]
     (line,) = run.forces_at(12)
     extent = np.ptp(made.centerline.reshape(-1, 3), axis=0).max()
     np.testing.assert_allclose(line, [[0.0] * 3, [0.0, 0.15 * extent, 0.0]])
-    total = next(curve for curve in run.curves if curve.title.startswith("pressure"))
-    assert total.values["total"][[0, 5, 20]] == pytest.approx([0.0, 2.0, 2.0])
+    total, clearance = run.curves[-2:]
+    assert (total.title, clearance.title) == ("contact force [N]", "clearance [m]")
+    assert total.values["total"] == pytest.approx([0.0, 2.0, 2.0, 0.0])
+    assert clearance.time == pytest.approx(run.time[[5, 10, 20]]), "not where it is infinite"
+    assert clearance.values["least"] == pytest.approx([-1e-3, -1e-3, 0.01])
 
 
 def test_obstacles_and_contact_forces_of_a_bag(made):
