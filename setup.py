@@ -7,6 +7,7 @@ from setuptools import find_packages, setup
 
 NAME = "dlo_sim"
 ROOT = Path(__file__).resolve().parent
+MESH = ["trimesh>=5", "pycollada"]  # STL, OBJ, PLY and GLB; DAE
 
 
 def version() -> str:
@@ -46,11 +47,13 @@ setup(
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
         # Pictures and studies.
         "plots": ["matplotlib", "scipy"],
+        # Mesh files of obstacles.
+        "mesh": MESH,
         # Fits to recordings.
         "identify": ["scipy"],
         # Studies and batches on more than one machine.
         "dask": ["distributed"],
-        "test": ["hypothesis", "pytest", "pytest-xdist", "scipy", "setuptools"],
+        "test": [*MESH, "hypothesis", "pytest", "pytest-xdist", "scipy", "setuptools"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

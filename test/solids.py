@@ -1,5 +1,7 @@
 """Solids as triangles, counter-clockwise seen from outside, shape (k, 3, 3)."""
 
+from typing import Any
+
 import numpy as np
 
 
@@ -55,3 +57,15 @@ def ascii_stl(triangles):
         for corners in np.asarray(triangles).tolist()
     ]
     return f"solid body\n{''.join(facets)}endsolid body\n".encode()
+
+
+def files(triangles, kind, *places):
+    """The content of a file of any kind, of one body at each place (4, 4) if there are some."""
+    import trimesh
+
+    body = trimesh.Trimesh(**trimesh.triangles.to_kwargs(triangles), process=False)
+    scene = trimesh.Scene()
+    for place in places:
+        scene.add_geometry(body, geom_name="body", transform=place)
+    content: Any = (scene if places else body).export(file_type=kind)
+    return content if isinstance(content, bytes) else content.encode()

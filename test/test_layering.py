@@ -64,6 +64,7 @@ FOREIGN = {
     "distributed": {"batch/workers.py"},
     "scipy": {"identification/fit.py"},
     "tqdm": {"cli"},
+    "trimesh": {"simulation/meshes.py"},
 }
 
 

@@ -2,8 +2,8 @@
 
 **Making.** The distance of a grid point is that from the nearest triangle, searched for around
 every triangle, and then among the nearest triangles of neighbouring points, in sweeps over the grid
-(the idea of fast sweeping). A point is inside if a ray along x leaves the mesh an odd number of
-times; the rays run a little beside the grid lines, so that they meet no edge.
+(the idea of fast sweeping). Rays along x tell what is inside; they run a little beside the grid
+lines, so that they meet no edge.
 
 **Looking up.** The field is a tricubic B-spline, so that the distance, its gradient and its
 curvature are continuous. Edges and walls thinner than two cells are rounded by about a cell.
@@ -68,8 +68,10 @@ def side_of(a1, a2, b1, b2, y, z):
 
 
 @part
-def cross_rays(corners, numbers, parity):
-    """Count, at the first grid point behind it, where rays along x meet a triangle."""
+def cross_rays(corners, numbers, crossings):
+    """Count, at the first grid point behind it, where rays along x meet a triangle: 1 or, seen from
+    its other side, -1.
+    """
     h = 1.0 / numbers[FINENESS]
     y0, z0 = numbers[ORIGIN + 1] + BESIDE[0] * h, numbers[ORIGIN + 2] + BESIDE[1] * h
     low_y = min(corners[1], corners[4], corners[7])
@@ -85,8 +87,8 @@ def cross_rays(corners, numbers, parity):
             if (a > 0.0 and b > 0.0 and c > 0.0) or (a < 0.0 and b < 0.0 and c < 0.0):
                 x = (a * corners[0] + b * corners[3] + c * corners[6]) / (a + b + c)
                 i = max(int(np.ceil((x - numbers[ORIGIN]) / h)), 0)
-                if i < parity.shape[0]:
-                    parity[i, j, k] += 1.0
+                if i < crossings.shape[0]:
+                    crossings[i, j, k] += 1.0 if a > 0.0 else -1.0
 
 
 @part
@@ -129,24 +131,25 @@ def sweep(triangles, numbers, field, nearest, direction):
 
 
 @piece(void, ARRAY_2D, ARRAY, ARRAY_3D, ARRAY_3D, ARRAY_3D)
-def make_field(corners, numbers_of, out, spare, signs):
-    """out = signed distances [m] from closed triangles at the points of a grid.
+def make_field(corners, numbers_of, out, spare, crossed):
+    """out = distances [m] from triangles at the points of a grid, without signs; crossed = how
+    often the ray to each point meets them behind the point before, as `cross_rays` counts.
 
     Args:
         corners: of the triangles [m], shape (k, 9). numbers_of: ORIGIN to HIGH of the field. spare,
-            signs: of the shape of `out`, overwritten.
+            crossed: of the shape of `out`, overwritten.
     """
     triangles, numbers, field = grid(corners), grid(numbers_of), grid(out)
-    nearest, parity = grid(spare), grid(signs)
+    nearest, crossings = grid(spare), grid(crossed)
     nx, ny, nz = field.shape
     for i in range(nx):
         for j in range(ny):
             for k in range(nz):
-                field[i, j, k], nearest[i, j, k], parity[i, j, k] = FAR, -1.0, 0.0
+                field[i, j, k], nearest[i, j, k], crossings[i, j, k] = FAR, -1.0, 0.0
     fineness = numbers[FINENESS]
     for t in range(len(triangles)):
         c = triangles[t]
-        cross_rays(c, numbers, parity)
+        cross_rays(c, numbers, crossings)
         i0, i1 = cells_of(c[0], c[3], c[6], numbers[ORIGIN], fineness, nx)
         j0, j1 = cells_of(c[1], c[4], c[7], numbers[ORIGIN + 1], fineness, ny)
         k0, k1 = cells_of(c[2], c[5], c[8], numbers[ORIGIN + 2], fineness, nz)
@@ -157,13 +160,10 @@ def make_field(corners, numbers_of, out, spare, signs):
     for _ in range(SWEEPS):
         for direction in range(8):
             sweep(triangles, numbers, field, nearest, direction)
-    for j in range(ny):
-        for k in range(nz):
-            crossed = 0.0
-            for i in range(nx):
-                crossed += parity[i, j, k]
-                far = np.sqrt(field[i, j, k])
-                field[i, j, k] = -far if crossed % 2.0 == 1.0 else far
+    for i in range(nx):
+        for j in range(ny):
+            for k in range(nz):
+                field[i, j, k] = np.sqrt(field[i, j, k])
 
 
 @part

@@ -323,9 +323,11 @@ class Obstacle:
             x, a wall of thickness y and the length z; a plane and a mesh have none.
         position: Its centre, or of a plane a point on its surface; in `frame` if there is one.
         orientation: Quaternion x, y, z, w of its axes, world frame, or `frame` if there is one.
-        mesh: STL file of the mesh: a path relative to the scene's file (to the working directory if
-            there is none), or package://PACKAGE/PATH.
-        mesh_scale: Factor from the lengths in the file to m: 0.001 for a file in mm.
+        mesh: File of the mesh (STL, OBJ, PLY, GLB or DAE; needs the extra `mesh`): a path relative
+            to the scene's file (to the working directory if there is none), or
+            package://PACKAGE/PATH. All its bodies are one obstacle.
+        mesh_scale: Factor from the lengths in the file to m: 0.001 for an STL file in mm. DAE files
+            name their unit, which is known.
         mesh_cells: Cells of the grid of distances along the longest side of the mesh. Edges, and
             walls thinner than two cells, are rounded by about a cell.
         friction: Coefficient of Coulomb friction of the cable on it; auto (-1) = contact.friction.
@@ -1693,7 +1695,7 @@ def _obstacles(obstacles: tuple[Obstacle, ...], grasps: set[str], diameter: floa
             problem = "is the name of a grasp too; rename one of them"
             yield "obstacles.names", obstacle.name, problem
         if obstacle.shape == "mesh" and not obstacle.mesh:
-            problem = "is no file; give an STL file, or another shape"
+            problem = "is no file; give a mesh file, or another shape"
             yield f"obstacles.{obstacle.name}.mesh", obstacle.mesh, problem
         used = {"plane": 0, "mesh": 0, "sphere": 1, "ring": 2}.get(obstacle.shape, 3)
         key = f"obstacles.{obstacle.name}.size"

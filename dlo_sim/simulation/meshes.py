@@ -1,8 +1,4 @@
-"""Triangle meshes as obstacles: reading STL files, checks, and fields of signed distances.
-
-STL is read here, in the few lines that it needs: it is what CAD systems and robot descriptions
-offer for collision shapes, and a library would be one more thing to install for it.
-"""
+"""Triangle meshes as obstacles: files (read by trimesh), checks, and fields of signed distances."""
 
 from __future__ import annotations
 
@@ -23,8 +19,7 @@ from dlo_sim.scene.description import IN_MEMORY, IN_TEXT, Obstacle
 from dlo_sim.scene.loading import SceneError
 
 Array = NDArray[np.float64]
-_HEADER = 84  # bytes of a binary STL before its triangles
-_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+READ = "STL, OBJ, PLY, GLB or DAE"  # kinds of files that are tested; trimesh reads a few more
 MOST_TRIANGLES = 1_000_000
 MOST_VALUES = 20_000_000  # of a field: 160 MB, and three times as much while it is made
 SAME = 1e-6  # share of the extent below which two corners are one
@@ -122,7 +117,7 @@ def triangles_of(obstacle: Obstacle) -> Array:
     """The triangles of a mesh in its frame [m], shape (k, 3, 3).
 
     Raises:
-        SceneError: no file, not STL, or not a closed mesh.
+        SceneError: no file, none that trimesh reads, or not a closed mesh.
     """
     key = f"obstacles.{obstacle.name}.mesh"
     try:
@@ -152,11 +147,43 @@ def _read(name: str) -> Array:
 @lru_cache(maxsize=64)
 def _file(path: Path, changed: int, size: int) -> Array:
     """Triangles of a file as it was when it was changed."""
-    triangles = parse_stl(path.read_bytes())
+    triangles = read_file(path)
     problem = problem_of(triangles)
     if problem:
         raise ValueError(problem)
     return triangles
+
+
+def read_file(path: Path) -> Array:
+    """Triangles of all bodies of a file, in its frame [m], shape (k, 3, 3), unchecked: where the
+    nodes of its scene place them, with its unit of length (DAE; metres in files that name none). No
+    axes are exchanged, and materials are not read.
+
+    Raises:
+        OSError: it cannot be read. ValueError: no trimesh, or not of its kind, in one line.
+    """
+    try:
+        import trimesh
+    except ModuleNotFoundError:
+        raise ValueError(
+            "mesh files need trimesh; pip install trimesh, or install dlo_sim with the extra 'mesh'"
+        ) from None
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in trimesh.available_formats():
+        collada = ", or pip install pycollada" if kind == "dae" else ""
+        raise ValueError(f"a file '.{kind}' cannot be read here; convert it to {READ}{collada}")
+    beside = trimesh.resolvers.FilePathResolver(str(path))
+    with path.open("rb") as file:
+        try:  # `process` would merge corners that are close, and drop those that are not finite
+            scene = trimesh.load_scene(file, kind, beside, process=False, skip_materials=True)
+            triangles = np.array(scene.to_mesh().triangles, dtype=float)
+        except Exception as error:  # whatever the parser of this kind meets in a damaged file
+            problem = f"is no {kind.upper()} file, or a damaged one"
+            raise ValueError(f"{problem} ({error!r:.100}); export it again") from None
+    if len(triangles) > MOST_TRIANGLES:
+        raise ValueError(f"has {len(triangles)} triangles; reduce it to {MOST_TRIANGLES} or fewer")
+    unit = scene.units
+    return triangles if unit is None else triangles * trimesh.units.unit_conversion(unit, "m")
 
 
 def found_path(name: str) -> Path:
@@ -173,29 +200,6 @@ def found_path(name: str) -> Path:
         if (prefix / "share" / package).is_dir():
             return prefix / "share" / package / inside
     raise ValueError("this package is not installed, or its workspace is not sourced")
-
-
-def parse_stl(content: bytes) -> Array:
-    """Triangles of a binary or ASCII STL file, shape (k, 3, 3).
-
-    Raises:
-        ValueError: it is neither, in one line.
-    """
-    count = int.from_bytes(content[80:_HEADER], "little")
-    if len(content) >= _HEADER and len(content) == _HEADER + count * _RECORD.itemsize:
-        if count > MOST_TRIANGLES:
-            raise ValueError(f"has {count} triangles; reduce it to {MOST_TRIANGLES} or fewer")
-        records = np.frombuffer(content, _RECORD, count, _HEADER)
-        return records["corners"].astype(float)
-    words = content.split()
-    if not words or words[0].lower() != b"solid":
-        raise ValueError("is no STL file, or one that was cut off; export it as binary STL")
-    try:
-        at = np.array([k for k, word in enumerate(words) if word == b"vertex"], dtype=int)
-        corners = [[float(words[k + 1 + axis]) for axis in range(3)] for k in at]
-        return np.array(corners).reshape(-1, 3, 3)
-    except (ValueError, IndexError):
-        raise ValueError("has a vertex that is not three numbers; export it again") from None
 
 
 def problem_of(triangles: Array) -> str:
@@ -244,8 +248,21 @@ def _made(triangles: bytes, cells: int, radius: float) -> Field:
     numbers = np.concatenate([origin, [1.0 / size], low, high])
     values, *spare = (np.zeros(shape) for _ in range(3))
     distance_field.make_field(corners.reshape(-1, 9), numbers, values, *spare)
+    _sign(values, spare[1])
     field = Field(corners, values, numbers, _coefficients(values))
     return field._replace(off=float(field.distance(corners.mean(axis=1)).max()))
+
+
+def _sign(distances: Array, crossings: Array) -> None:
+    """Make the distances inside negative, overwriting both arrays.
+
+    A ray along x has entered so many more surfaces than it left. It is inside of one of several
+    bodies, which may overlap, where that is not 0. A ray that does not end with 0 met triangles
+    that are not oriented alike: it is inside after an odd number of crossings.
+    """
+    within = np.cumsum(crossings, axis=0, out=crossings)
+    inside = np.where(within[-1] == 0.0, within != 0.0, within % 2.0 == 1.0)
+    np.negative(distances, out=distances, where=inside)
 
 
 def _coefficients(values: Array) -> Array:

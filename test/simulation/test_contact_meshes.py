@@ -1,10 +1,12 @@
 """Triangle meshes as obstacles."""
 
 import math
+import sys
 
 import numpy as np
 import pytest
 import solids
+import trimesh
 from cables import simulator
 
 from dlo_sim.core import rotations
@@ -88,18 +90,62 @@ def test_the_field_is_the_distance_from_the_solid():
     assert away.max() < 1e-3
 
 
-@pytest.mark.parametrize("write", [solids.binary_stl, solids.ascii_stl])
-def test_a_file_beside_the_scene_is_read(tmp_path, write):
-    (tmp_path / "body.stl").write_bytes(write(solids.box(0.2, 0.2, 0.2)))
+def body_of(tmp_path, file, **values):
     (tmp_path / "scene.yaml").write_text(
         "/**:\n  ros__parameters:\n    obstacles:\n      names: [body]\n      body:\n"
-        "        shape: mesh\n        mesh: body.stl\n        position: [0.0, 0.0, -1.0]\n"
+        f"        shape: mesh\n        mesh: {file}\n        position: [0.0, 0.0, -1.0]\n"
     )
-    scene = load_scene(tmp_path / "scene.yaml")
-    triangles = meshes.field_of(scene.obstacles[0], 0.0).triangles
+    return load_scene(tmp_path / "scene.yaml", values).obstacles[0]
+
+
+@pytest.mark.parametrize("kind", ["stl", "ascii.stl", "obj", "ply", "GLB", "dae"])
+def test_a_file_beside_the_scene_is_read(tmp_path, kind):
+    box = solids.box(0.3, 0.2, 0.1) + [0.0, 0.0, 0.3]
+    if kind == "ascii.stl":
+        content = solids.ascii_stl(box)
+    else:
+        content = solids.files(box, kind.lower())
+    (tmp_path / f"body.{kind}").write_bytes(content)
+    triangles = meshes.field_of(body_of(tmp_path, f"body.{kind}"), 0.0).triangles
+    assert triangles.shape == box.shape
     np.testing.assert_allclose(
-        np.sort(triangles, axis=None), np.sort(solids.box(0.2, 0.2, 0.2), axis=None), rtol=1e-7
+        np.sort(triangles, axis=None), np.sort(box, axis=None), rtol=1e-7, atol=1e-9
     )
+
+
+def test_bodies_stand_where_the_scene_of_their_file_places_them(tmp_path):
+    """Two boxes of one geometry: one moved, one turned by a quarter and twice as large."""
+    moved, turned = np.eye(4), np.diag([2.0, 2.0, 2.0, 1.0])
+    moved[0, 3] = 0.3
+    turned[:2, :2] = [[0.0, -2.0], [2.0, 0.0]]
+    (tmp_path / "two.glb").write_bytes(
+        solids.files(solids.box(0.3, 0.2, 0.1), "glb", moved, turned)
+    )
+    corners = meshes.triangles_of(body_of(tmp_path, "two.glb")).reshape(-1, 3)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    np.testing.assert_allclose(low, [-0.2, -0.3, -0.1], rtol=1e-6)
+    np.testing.assert_allclose(high, [0.45, 0.3, 0.1], rtol=1e-6)
+
+
+def test_a_unit_that_a_file_names_is_kept(tmp_path):
+    content = solids.files(solids.box(300.0, 200.0, 100.0), "dae")
+    unit = b'<unit name="millimeter" meter="0.001"/><up_axis>'
+    (tmp_path / "mm.dae").write_bytes(content.replace(b"<up_axis>", unit))
+    found = meshes.triangles_of(body_of(tmp_path, "mm.dae"))
+    np.testing.assert_allclose(np.ptp(found.reshape(-1, 3), axis=0), [0.3, 0.2, 0.1], rtol=1e-6)
+
+
+@pytest.mark.parametrize("turned", [0, 1])
+def test_bodies_that_overlap_are_one(turned):
+    """And one whose triangles are not oriented alike is a body."""
+    box = solids.box(0.1, 0.1, 0.1)
+    box[: 16 * turned : 3] = box[: 16 * turned : 3, ::-1]
+    other = solids.box(0.1, 0.1, 0.1) + [0.05 + 0.1 * turned, 0.0, 0.0]
+    name = meshes.keep_triangles(np.concatenate([box, other]))
+    body = Obstacle("body", shape="mesh", mesh=name, mesh_cells=30)
+    points = np.array([[-0.03, 0, 0], [0.02, 0.01, 0], [0.08 + 0.1 * turned, 0, 0], [0, 0.08, 0]])
+    found = meshes.field_of(body, RADIUS).distance(points + 1e-4)
+    assert (np.sign(found) == [-1, -1, -1, 1]).all()
 
 
 def test_a_mesh_of_a_package_is_found(tmp_path, monkeypatch):
@@ -114,30 +160,58 @@ def test_a_mesh_of_a_package_is_found(tmp_path, monkeypatch):
 OPEN = solids.box(0.1, 0.1, 0.1)[1:]
 BAD = np.where(np.arange(16)[:, None, None] == 3, np.nan, solids.box(0.1, 0.1, 0.1))
 BINARY = solids.binary_stl(OPEN)
+GLB = solids.files(OPEN, "glb")
 
 
 @pytest.mark.parametrize(
-    ("content", "problem"),
+    ("file", "content", "problem"),
     [
-        (None, "cannot be read .No such file.*; check the path, which is relative to the scene's"),
-        (b"", "is no STL file, or one that was cut off"),
-        (BINARY[:-7], "is no STL file, or one that was cut off"),
-        (bytes(84), "has no triangles"),
-        (BINARY, "is not closed: 3 of 24 edges .*; close its holes"),
-        (solids.binary_stl(BAD), "has a corner that is not finite"),
-        (solids.ascii_stl(BAD), "has a corner that is not finite"),
-        (solids.binary_stl(0.0 * OPEN), "has no extent"),
-        (solids.binary_stl(solids.box(0.1, 0.1, 0.1) * [1, 1, 0]), "is flat; a sheet needs a"),
-        (b"solid a\nvertex 1 2 x", "has a vertex that is not three numbers"),
+        ("a.stl", None, "cannot be read .No such file.*; check the path, which is relative to"),
+        ("a.stl", b"", "has no triangles"),
+        ("a.stl", BINARY[:-7], "is no STL file, or a damaged one .*; export it again"),
+        ("a.stl", bytes(84), "has no triangles"),
+        ("a.stl", BINARY, "is not closed: 3 of 24 edges .*; close its holes"),
+        ("a.glb", GLB, "is not closed: 3 of 24 edges .*; close its holes"),
+        ("a.stl", solids.binary_stl(BAD), "has a corner that is not finite"),
+        ("a.ply", solids.files(BAD, "ply"), "has a corner that is not finite"),
+        ("a.stl", solids.ascii_stl(BAD), "has a corner that is not finite"),
+        ("a.stl", solids.binary_stl(0.0 * OPEN), "has no extent"),
+        ("a.stl", solids.binary_stl(solids.box(0.1, 0.1, 0.1) * [1, 1, 0]), "is flat; a sheet"),
+        ("a.stl", b"solid a\nvertex 1 2 x", "has no triangles"),
+        ("a.obj", b"v 0 0 0\nf 1 2 9\n", "is no OBJ file, or a damaged one"),
+        ("a.glb", GLB[:-7], "is no GLB file, or a damaged one"),
+        ("a.ply", b"", "is no PLY file, or a damaged one"),
+        ("a.dae", b"<a/>", "is no DAE file, or a damaged one"),
+        ("a.step", b"ISO-10303-21", "'.step' cannot be read here; convert it to STL, OBJ, PLY"),
+        ("a", b"", "a file '.' cannot be read here; convert it to STL"),
     ],
 )
-def test_a_mesh_that_is_no_solid_is_refused(tmp_path, content, problem):
-    path = tmp_path / "body.stl"
+def test_a_mesh_that_is_no_solid_is_refused(tmp_path, file, content, problem):
+    path = tmp_path / file
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(SceneError, match=f"obstacles.body.mesh: .*body.stl:? .*{problem}") as error:
-        simulator(LYING, {"obstacles.body.mesh": str(path)}, method="energy_momentum", step=5e-3)
+    obstacle = Obstacle("body", shape="mesh", mesh=str(path))
+    with pytest.raises(SceneError, match=f"obstacles.body.mesh: .*{file}:? .*{problem}") as error:
+        meshes.triangles_of(obstacle)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("file", "missing", "cure"),
+    [
+        ("a.stl", "trimesh", "install dlo_sim with the extra 'mesh'"),
+        ("a.dae", "collada", "convert it to STL, .*, or pip install pycollada"),
+    ],
+)
+def test_a_missing_library_is_named(tmp_path, monkeypatch, file, missing, cure):
+    monkeypatch.setitem(sys.modules, missing, None)
+    if missing == "collada":
+        kinds = trimesh.available_formats() - {"dae"}
+        monkeypatch.setattr(trimesh, "available_formats", lambda: kinds)
+    (tmp_path / file).write_bytes(b"")
+    body = Obstacle("body", shape="mesh", mesh=str(tmp_path / file))
+    with pytest.raises(SceneError, match=f"obstacles.body.mesh: .*{cure}"):
+        meshes.triangles_of(body)
 
 
 def test_a_mesh_in_the_wrong_unit_is_refused():
