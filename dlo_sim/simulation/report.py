@@ -68,8 +68,9 @@ class Slide(NamedTuple):
     """A grasp through which the cable slides.
 
     Attributes:
-        u: material coordinate that it holds now [m]. before, after: tension of the cable a knot
-            span before and after it [N].
+        u: material coordinate that it holds now [m]. before, after: how hard the cable is pulled
+            on both sides of it [N]: T + EI kappa^2 / 2 of tension T and curvature kappa, which does
+            not change along what bends near the gripper, two knot spans away.
     """
 
     u: float

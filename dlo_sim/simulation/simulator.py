@@ -931,14 +931,14 @@ class Simulator:
     @property
     def slides(self) -> dict[str, Slide]:
         """What slides through which grasp."""
-        found = {}
-        span = self.scene.cable.length / (self.model.n - bspline.DEGREE)
+        found, length, EI = {}, self.scene.cable.length, self.scene.cable.EI
+        away = 2.0 * length / (self.model.n - bspline.DEGREE)
         for name in [grasp.name for grasp in self.scene.grasps if grasp.slides]:
             u = self._held_now[name].u
             if u is not None:
-                beside = np.clip([u - span, u + span], 0.0, self.scene.cable.length)
-                before, after = self.tension(beside).tolist()
-                found[name] = Slide(float(u), before, after)
+                beside = np.clip([u - away, u + away], 0.0, length)
+                pulls = self.tension(beside) + 0.5 * EI * self.curvature(beside) ** 2
+                found[name] = Slide(float(u), *pulls.tolist())
         return found
 
     @property

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import optimize
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
@@ -114,6 +115,55 @@ def test_a_gripper_that_follows_a_cable_and_beyond_it() -> None:
     simulator.take("guide", at=0.9)
     assert simulator.held_at("guide") == pytest.approx(0.9)
     assert simulator.advance(0.01).status.ok
+
+
+def friction_at_a_bend(tension: float, turn: float, grip: float) -> float:
+    """Pull T2 [N] that draws a cable through a guide against a pull T1 = `tension`.
+
+    Beyond what bends, the cable runs at angles b1 and b2, of sum `turn`, to its direction in the
+    guide. The moment has no jump there, and friction is that of the force across:
+        EI kappa^2 / 2 = T1 (1 - cos b1) = T2 (1 - cos b2),
+        T2 cos b2 - T1 cos b1 = mu (T1 sin b1 + T2 sin b2 + grip).
+    """
+
+    def lacking(unknown: np.ndarray) -> list[float]:
+        b1, pull = unknown
+        b2 = turn - b1
+        across = tension * np.sin(b1) + pull * np.sin(b2)
+        return [
+            tension * (1.0 - np.cos(b1)) - pull * (1.0 - np.cos(b2)),
+            pull * np.cos(b2) - tension * np.cos(b1) - FRICTION * (across + grip),
+        ]
+
+    found, _, done, _ = optimize.fsolve(lacking, [0.5 * turn, 1.5 * tension], full_output=True)
+    assert done == 1
+    return float(found[1])
+
+
+@pytest.mark.parametrize("grip", [0.0, 1.0])
+def test_drawn_round_a_bend_it_feels_the_friction_of_guide_and_jaws(grip: float) -> None:
+    """60 degrees, both arms much longer than what bends."""
+    x, z, tension = 0.5 * np.cos(np.pi / 6), -0.25, 1.0
+    values = LYING | {"start.position": [-x, 0.0, z], "end.position": [x, 0.0, z]}
+    values |= {"end.fixed": [True] * 3, "grasps.guide.grip": grip, "cable.bending_stiffness": 4e-3}
+    values |= {"loads.pull.position": 0.0, "loads.pull.signal": "constant"}
+    values |= {"loads.pull.force": [-2.0 * x * tension, 0.0, 2.0 * z * tension]}
+    values |= {"damping.mass": 5.0, "damping.stretch": 1e-2, "damping.bend": 1e-2}
+    values |= {"initial.shape": "equilibrium", "discretization.control_points": 43}
+    simulator = Simulator(scene(values, position=[0.0, 0.0, 0.0], friction=FRICTION))
+    path = EndMotion.resting(*simulator.end_pose("end"))
+    simulator.set_motion("end", path.then(2.0, velocity=[0.1 * x, 0.0, 0.1 * z]))
+    pulls, told = [], []
+    for _ in range(20):
+        assert simulator.advance(0.05).status.ok
+        pulls.append(np.linalg.norm(simulator.reaction("end")[0]))
+        told.append((simulator.slides["guide"].before, simulator.slides["guide"].after))
+    first, last = np.diff(simulator.centerline([0.0, 1e-3, 1.0 - 1e-3, 1.0]), axis=0)[[0, 2]]
+    turn = np.arccos(first @ last / np.linalg.norm(first) / np.linalg.norm(last))
+    exact = friction_at_a_bend(tension, turn, grip)
+    assert np.mean(pulls[8:]) == pytest.approx(exact, rel=0.01)
+    np.testing.assert_allclose(np.mean(told[8:], axis=0), [tension, exact], rtol=0.02)
+    assert simulator.energy_error < 1e-8
 
 
 def test_what_has_slid_is_kept() -> None:
