@@ -7,24 +7,26 @@ was measured beside the exact value, and the processor time of the steps.
 from __future__ import annotations
 
 import math
-import time
 import warnings
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies import Outcome, Request
+from dlo_sim.studies.known_answers import (
+    Answer,
+    Measured,
+    Values,
+    advanced,
+    motion,
+    simulator,
+)
 from dlo_sim.studies.report import Report
-
-Array = NDArray[np.float64]
-Values = dict[str, object]
+from dlo_sim.studies.strands import LOOPS, knot, linked, plectoneme
 
 ROD_FRICTION, ROD_GRAVITY = 0.4, 9.8
 ROD: Values = {
@@ -65,44 +67,6 @@ DRUM, TAIL, THICK = (
 )  # [m], radius of the drum, straight ends, radius of the cable
 
 
-class Answer(NamedTuple):
-    """A measured quantity beside its exact value."""
-
-    quantity: str
-    exact: float
-    value: float
-
-    @property
-    def error(self) -> float:
-        """Relative error."""
-        return self.value / self.exact - 1.0
-
-
-class Measured(NamedTuple):
-    """Answers of one run, and the processor time [s] of its steps."""
-
-    answers: tuple[Answer, ...]
-    seconds: float
-    simulator: Simulator
-
-
-def simulator(*values: Values, step: float, method: str = "energy_momentum") -> Simulator:
-    """A simulator of merged values."""
-    merged: Values = {"integrator.method": method, "integrator.step": step}
-    for one in values:
-        merged |= one
-    return Simulator(scene_from_values(merged))
-
-
-def advanced(sim: Simulator, seconds: float) -> float:
-    """Advance; returns the processor time [s]."""
-    began = time.process_time()
-    report = sim.advance(seconds)
-    if not report.status.ok:
-        raise RuntimeError(f"contact: {report.message}")
-    return time.process_time() - began
-
-
 def pulled(force: float, step: float, method: str = "energy_momentum") -> Simulator:
     """A rod that lies on a table, pulled along itself."""
     load: Values = {"loads.names": ["pull"], "loads.pull.signal": "constant"}
@@ -114,9 +78,21 @@ def sliding(force: float, step: float) -> Measured:
     sim = pulled(force, step)
     seconds = advanced(sim, 1.0)
     exact = 0.5 * (force - ROD_FRICTION * ROD_GRAVITY) ** 2
-    return Measured((Answer("kinetic energy [J]", exact, sim.energy().kinetic),), seconds, sim)
+    answer = Answer("kinetic energy [J]", exact, sim.energy().kinetic, 0.01)
+    return Measured((answer,), seconds, sim)
 
 
+def sticking(force: float, step: float) -> Measured:
+    """A rod that is pulled with less than its friction moves by the bristles' deflection alone."""
+    sim = pulled(force, step)
+    before = sim.centerline([0.5])[0]
+    seconds = advanced(sim, 60.0)
+    moved = float((sim.centerline([0.5])[0] - before)[0])
+    answer = Answer("slid in 60 s [m]", 0.0, moved - force / sim.scene.contact_stiffness, 1e-6)
+    return Measured((answer,), seconds, sim)
+
+
+YAW = math.pi / 18.0  # [rad]
 FALLEN: Values = {
     "cable.length": 0.5,
     "cable.diameter": 0.01,
@@ -124,34 +100,41 @@ FALLEN: Values = {
     "cable.youngs_modulus": 1e7,
     "start.fixed": [False] * 3,
     "start.position": [0.0, 0.0, 0.05],
-    "end.position": [0.45 * math.cos(math.pi / 18.0), 0.45 * math.sin(math.pi / 18.0), 0.15],
     "obstacles.names": ["table"],
     "discretization.control_points": 13,
 }
 
 
-def rest(step: float) -> Measured:
-    """A cable that has fallen on a table, askew, and lies: the table carries its weight."""
-    sim = simulator(FALLEN, {"damping.mass": 5.0, "damping.stiffness": 0.01}, step=step)
+def fallen(yaw: float) -> Values:
+    """A cable above a table, seen from above at an angle to the x axis."""
+    return FALLEN | {"end.position": [0.45 * math.cos(yaw), 0.45 * math.sin(yaw), 0.15]}
+
+
+def rest(yaw: float, step: float) -> Measured:
+    """A cable that has fallen on a table lies still: the table carries its weight."""
+    sim = simulator(fallen(yaw), {"damping.mass": 5.0, "damping.stiffness": 0.01}, step=step)
     seconds = advanced(sim, 30.0)
-    if sim.energy().kinetic > 1e-9:
-        raise RuntimeError(f"contact: it moves with {sim.energy().kinetic:.3g} J after 30 s")
     weight = sim.scene.cable.mu * 9.81 * 0.5
-    return Measured((Answer("force [N]", weight, sim.contact("table").force[2]),), seconds, sim)
+    answers = (
+        Answer("force [N]", weight, float(sim.contact("table").force[2]), 0.001),
+        Answer("kinetic energy after 30 s [J]", 0.0, sim.energy().kinetic, 1e-9),
+    )
+    return Measured(answers, seconds, sim)
 
 
 def bounce(step: float) -> Measured:
     """A cable that bounces on a smooth table keeps the energy that it had."""
-    sim = simulator(FALLEN, {"integrator.tolerance": 1e-12, "contact.damping": 0.0}, step=step)
+    exact: Values = {"integrator.tolerance": 1e-12, "contact.damping": 0.0}
+    sim = simulator(fallen(YAW), exact, step=step)
     before = sim.energy().total
     seconds = advanced(sim, 1.0)
     kept = 1.0 + (sim.energy().total - before) / float(sim.cable.balance()[1])
-    return Measured((Answer("energy kept", 1.0, kept),), seconds, sim)
+    return Measured((Answer("energy kept", 1.0, kept, 1e-8),), seconds, sim)
 
 
 def slope(step: float) -> Measured:
     """The coefficient of friction, from what a rod slides down a slope 5 % too steep for it, in the
-    seconds from 5 to 10; on one 0.5 % less steep than the friction angle it must stay.
+    seconds from 5 to 10, and what it creeps in these on one 0.5 % less steep than it can hold.
     """
     seconds, slid = 0.0, []
     for share in (0.995, 1.05):
@@ -170,21 +153,12 @@ def slope(step: float) -> Measured:
         before = sim.centerline([0.5])[0] @ along
         seconds += advanced(sim, 5.0)
         slid.append(float(before - sim.centerline([0.5])[0] @ along))
-    if abs(slid[0]) > 1e-9:
-        raise RuntimeError(f"contact: a rod crept by {slid[0]:.3g} m below the friction angle")
     found = (sine - slid[1] / (0.5 * (10.0**2 - 5.0**2) * ROD_GRAVITY)) / cosine
-    return Measured((Answer("coefficient of friction", ROD_FRICTION, found),), seconds, sim)
-
-
-def motion(seconds: float, position: Array, velocity: Array, start: float = 0.0) -> EndMotion:
-    """A motion at constant velocity from time `start`."""
-    return EndMotion(
-        start=start,
-        duration=seconds,
-        position=position,
-        orientation=rotations.IDENTITY,
-        velocity=velocity,
+    answers = (
+        Answer("coefficient of friction", ROD_FRICTION, found, 0.005),
+        Answer("crept below the friction angle [m]", 0.0, slid[0], 1e-9),
     )
+    return Measured(answers, seconds, sim)
 
 
 def lifted(clamped: bool, points: int, step: float = 1e-3, lift: float = LIFT) -> Measured:
@@ -203,12 +177,16 @@ def lifted(clamped: bool, points: int, step: float = 1e-3, lift: float = LIFT) -
     u = np.linspace(sim.contact("table").u.max(), 0.6, 20_001)
     off = u[np.flatnonzero(sim.centerline(u)[:, 2] > 0.0025)[0]]
     force, moment = sim.reaction("end")
+    free = 0.6 - off + (4.0 * EI / STIFF) ** 0.25
+    share = 2.0 / 3.0 if clamped else 0.5
+    pressed = float(sim.contact("table").force[2]) - WEIGHT * (0.6 - free)
     answers = [
-        Answer("length [m]", length, 0.6 - off + (4.0 * EI / STIFF) ** 0.25),
-        Answer("force [N]", WEIGHT * length * (2.0 / 3.0 if clamped else 0.5), force[2]),
+        Answer("length [m]", length, free, 0.005),
+        Answer("force [N]", WEIGHT * length * share, force[2], 0.005),
+        Answer("touch-down [N]", WEIGHT * length * (1.0 - share), pressed, 0.005),
     ]
     if clamped:
-        answers.append(Answer("moment [N m]", WEIGHT * length**2 / 6.0, abs(moment[1])))
+        answers.append(Answer("moment [N m]", WEIGHT * length**2 / 6.0, abs(moment[1]), 0.005))
     return Measured(tuple(answers), seconds, sim)
 
 
@@ -278,7 +256,7 @@ def capstan(
         seconds += advanced(sim, 0.03)
         pulls.append(float(np.linalg.norm(sim.reaction("start")[0])))
     exact = math.exp(friction * wrap)
-    return Measured((Answer("pull [N]", exact, float(np.mean(pulls))),), seconds, sim)
+    return Measured((Answer("pull [N]", exact, float(np.mean(pulls)), 0.01),), seconds, sim)
 
 
 def conveyor(step: float, method: str = "energy_momentum") -> Measured:
@@ -292,7 +270,7 @@ def conveyor(step: float, method: str = "energy_momentum") -> Measured:
         seconds += advanced(sim, 0.01)
         pulls.append(-sim.reaction("start")[0][0])
     exact = BELT_FRICTION * 0.6 * WEIGHT
-    return Measured((Answer("force [N]", exact, float(np.mean(pulls))),), seconds, sim)
+    return Measured((Answer("force [N]", exact, float(np.mean(pulls)), 0.01),), seconds, sim)
 
 
 def bent(sim: Simulator, place: Callable[[float], tuple[float, float, float]]) -> None:
@@ -365,7 +343,7 @@ def column(points: int) -> Measured:
         before, there, after = sim.centerline(0.5 * length + np.array([-1e-3, 0.0, 1e-3]))[:, 2]
         curvature = (2.0 * there - before - after) / 1e-6
         loads.append(-sim.reaction("end")[0][0] / np.interp(-curvature, -law, shares))
-    return Measured((Answer("load [N]", flat, float(np.mean(loads))),), seconds, sim)
+    return Measured((Answer("load [N]", flat, float(np.mean(loads)), 0.02),), seconds, sim)
 
 
 def pegs(points: int) -> Measured:
@@ -438,247 +416,37 @@ def pegs(points: int) -> Measured:
         seconds += advanced(sim, 3.0)
         runs_off = sim.centerline([0.5 * length])[0, 2] < -2.0 * half
         low, high = (length, high) if runs_off else (low, length)
-    found = Answer("shortest length [m]", shortest, 0.5 * (low + high))
+    found = Answer("shortest length [m]", shortest, 0.5 * (low + high), 0.005)
     return Measured((found,), seconds, sim)
 
 
-def laid_along(path: Array, points: int) -> tuple[float, Array]:
-    """Length of a path of dense points (m, 3), and control points of a cable along it."""
-    s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
-    u = np.linspace(0.0, s[-1], 20 * points)
-    basis = bspline.evaluate(np.eye(points), bspline.clamped_knots(points, s[-1]), u)
-    dense = np.stack([np.interp(u, s, path[:, axis]) for axis in range(3)], axis=1)
-    return float(s[-1]), np.asarray(np.linalg.lstsq(basis, dense, rcond=None)[0])
-
-
-LEG, BOW = 0.15, 0.03  # length of the legs of a loop, and its radius [m]
-
-
-STRANDS: Values = {  # held at both ends, and touch each other
-    "gravity": [0.0, 0.0, 0.0],
-    "contact.self": "on",
-    "terms.twist": "off",
-    "terms.out_of_plane": "on",
-    "start.fixed": [True] * 3,
-    "end.fixed": [True] * 3,
+# Name -> test as a function of its resolution, and resolutions: of every study, and of a full one.
+TESTS: dict[str, tuple[Callable[..., Measured], tuple[float, ...], tuple[float, ...]]] = {
+    "rest on a table, yaw 0": (partial(rest, 0.0), (1e-2,), (5e-3,)),
+    "rest on a table, yaw 10 degrees": (partial(rest, YAW), (1e-2,), (5e-3,)),
+    "lifted end, held": (partial(lifted, True), (20, 40), (80,)),
+    "lifted end, pinned": (partial(lifted, False), (20, 40), (80,)),
+    "sliding rod, 3.8 N": (partial(sticking, 3.8), (5e-4,), (2.5e-4,)),
+    "sliding rod, 5 N": (partial(sliding, 5.0), (1e-2, 5e-3), (1e-3,)),
+    "sliding rod, 8 N": (partial(sliding, 8.0), (1e-2, 5e-3), (1e-3,)),
+    "sliding rod, 10 N": (partial(sliding, 10.0), (1e-2, 5e-3), (1e-3,)),
+    "slope": (slope, (5e-3,), (2e-3,)),
+    "capstan, pi/2": (partial(capstan, 0.5 * math.pi), (23, 43), (83,)),
+    "capstan, pi": (partial(capstan, math.pi), (43, 83), (123,)),
+    "capstan, 2 pi": (partial(capstan, 2.0 * math.pi), (83,), (166,)),
+    "chain over pegs": (pegs, (60, 100), ()),
+    "column between walls": (column, (43,), (83,)),
+    "loose overhand knot": (knot, (140,), (200,)),
+    "linked loops": (linked, (70,), (100,)),
+    "plectoneme": (plectoneme, (40,), (60,)),
+    "conveyor": (conveyor, (5e-3, 1e-3), ()),
+    "bounce, 10 ms": (bounce, (1e-2,), ()),
+    "bounce, 1 ms": (bounce, (1e-3,), ()),
+    "bounce, 0.1 ms": (bounce, (1e-4,), ()),
 }
-
-
-def linked(points: int) -> Measured:
-    """Two loops of one cable, one through the other, are pulled apart: the force between them is
-    the tension of both legs of a loop.
-    """
-    t = np.linspace(0.0, 1.0, 400)[:, None]
-    angle, none = np.pi * (0.5 - t), 0.0 * t
-    loop = np.vstack(
-        (
-            np.hstack((LEG * (t - 1.0), BOW + none, none)),
-            BOW * np.hstack((np.cos(angle), np.sin(angle), none)),
-            np.hstack((-LEG * t, none - BOW, none)),
-        )
-    )
-    other = -loop[:, [0, 2, 1]]  # opens to the other side, in the plane across
-    ends, ways = (loop[-1], other[0]), ([-0.6, -0.15, 0.0], [-0.6, 0.15, -0.1])
-    between = (
-        ends[0] * (2.0 * t**3 - 3.0 * t**2 + 1.0)
-        + ways[0] * (t**3 - 2.0 * t**2 + t)
-        + ends[1] * (3.0 * t**2 - 2.0 * t**3)
-        + ways[1] * (t**3 - t**2)
-    )
-    between[:, 1] -= 0.25 * np.sin(np.pi * t[:, 0]) ** 2
-    length, place = laid_along(np.vstack((loop, between, other)), points)
-    leg = 2.0 * LEG + math.pi * BOW
-    knots = bspline.clamped_knots(points, length)
-    held = {"near": leg, "far": length - leg}
-    grasps: Values = {"grasps.names": list(held)}
-    for name, u in held.items():
-        grasps[f"grasps.{name}.at"] = u / length
-        grasps[f"grasps.{name}.position"] = bspline.evaluate(place, knots, [u])[0].tolist()
-    sim = simulator(
-        STRANDS,
-        grasps,
-        {
-            "cable.length": length,
-            "cable.diameter": 0.005,
-            "cable.linear_density": 0.05,
-            "cable.axial_stiffness": 500.0,
-            "cable.bending_stiffness": 1e-3,
-            "damping.air_drag": 0.3,
-            "damping.bend": 2e-3,
-            "damping.stretch": 1e-3,
-            "start.position": place[0].tolist(),
-            "end.position": place[-1].tolist(),
-            "discretization.control_points": points,
-            "discretization.knots": "uniform",
-        },
-        step=2e-3,
-    )
-    sim.start_from(np.hstack([place, np.zeros((points, 1))]))
-    for name in ("far", "end"):
-        sim.set_motion(name, motion(0.6, sim.end_pose(name)[0], np.array([0.1, 0.0, 0.0])))
-    seconds = advanced(sim, 2.0)
-    found = sim.contacts["itself"]
-    force = np.linalg.norm(found.forces[found.u < leg].sum(axis=0))
-    tension = float(sim.tension(np.array([0.1, leg - 0.1])).sum())
-    return Measured((Answer("force [N]", tension, float(force)),), seconds, sim)
-
-
-KNOT_EI, KNOT_SHORTER = 1e-3, (0.5, 0.3)  # [N m^2], end shortenings [m]
-
-
-def knot(points: int) -> Measured:
-    """Pull F of a loose overhand knot without friction: F e^2 / (2 pi^2 EI) = 1 with the end
-    shortening e, but for the thickness, whose effect is taken as proportional to 1 / e and
-    extrapolated to zero.
-    """
-    t = np.linspace(-2.05, 2.05, 4000)
-    x, y = 0.05 * (t**3 - 3.0 * t), 0.04 * (t**4 - 4.0 * t**2)
-    loop = np.stack((x, y, 0.003 * (t**5 - 10.0 * t)), axis=1)
-    tail = 0.25 * np.linspace(0.0, 1.0, 200)[:, None]
-    before, after = loop[0] - loop[1], loop[-1] - loop[-2]
-    path = np.vstack(
-        (
-            loop[0] + tail[:0:-1] * before / np.linalg.norm(before),
-            loop,
-            loop[-1] + tail[1:] * after / np.linalg.norm(after),
-        )
-    )
-    length, place = laid_along(path, points)
-    axial = 2e3
-    sim = simulator(
-        STRANDS,
-        {
-            "cable.length": length,
-            "cable.diameter": 0.002,
-            "cable.linear_density": 0.05,
-            "cable.axial_stiffness": axial,
-            "cable.bending_stiffness": KNOT_EI,
-            "damping.air_drag": 0.5,
-            "damping.bend": 5e-3,
-            "damping.stretch": 1e-3,
-            "start.position": place[0].tolist(),
-            "end.position": place[-1].tolist(),
-            "discretization.control_points": points,
-            "discretization.knots": "uniform",
-        },
-        step=4e-3,
-    )
-    sim.start_from(np.hstack([place, np.zeros((points, 1))]))
-    chord = place[-1] - place[0]
-    along, apart = chord / np.linalg.norm(chord), float(np.linalg.norm(chord))
-    seconds, factors = 0.0, []
-    for wanted in KNOT_SHORTER:
-        way = length - wanted - apart
-        moving = way / 0.3
-        for name, sign in (("start", -0.5), ("end", 0.5)):
-            place_now = sim.end_pose(name)[0]
-            sim.set_motion(name, motion(moving, place_now, sign * 0.3 * along, sim.time))
-        seconds += advanced(sim, moving + 5.0)
-        apart += way
-        pull = abs(float(sim.reaction("end")[0] @ along))
-        shorter = wanted + pull * length / axial
-        factors.append(pull * shorter**2 / (2.0 * math.pi**2 * KNOT_EI))
-    (loose, tight), (e, less) = factors, KNOT_SHORTER
-    factor = (loose * e - tight * less) / (e - less)
-    return Measured((Answer("F e^2 / (2 pi^2 EI)", 1.0, factor),), seconds, sim)
-
-
-TURNS, COILED = 8, 0.6  # turns of one end, length [m]
-
-
-def plectoneme(points: int) -> Measured:
-    """Link of a cable that is twisted by 8 turns and coils about itself as its clamps approach: the
-    turns of its end, as the sum of twist and writhe.
-    """
-    clamp: Values = {"fixed": [True] * 3, "clamped": True, "tangent": [1.0, 0.0, 0.0]}
-    sim = simulator(
-        {
-            "cable.length": COILED,
-            "cable.diameter": 0.004,
-            "cable.linear_density": 0.05,
-            "cable.axial_stiffness": 1e3,
-            "cable.bending_stiffness": 1e-3,
-            "cable.torsional_stiffness": 1e-3,
-            "damping.air_drag": 0.3,
-            "damping.bend": 5e-3,
-            "damping.stretch": 1e-3,
-            "damping.twist": 1e-3,
-            "gravity": [0.0, 0.0, 0.5],
-            "contact.self": "on",
-            "contact.friction": 0.1,
-            "terms.twist": "quasistatic",
-            **{f"{end}.{key}": value for end in ("start", "end") for key, value in clamp.items()},
-            "end.position": [0.97 * COILED, 0.0, 0.0],
-            "discretization.control_points": points,
-            "discretization.knots": "uniform",
-        },
-        step=2e-3,
-    )
-    seconds = 0.0
-    for duration, way, turns in ((1.0, 0.0, TURNS), (1.5, -0.2, 0)):
-        position, orientation = sim.end_pose("end")
-        end = EndMotion(
-            start=sim.time,
-            duration=duration,
-            position=position,
-            orientation=orientation,
-            velocity=[way / duration, 0.0, 0.0],
-            angular_velocity=[2.0 * math.pi * turns / duration, 0.0, 0.0],
-        )
-        sim.set_motion("end", end)
-        seconds += advanced(sim, duration)
-    twist = float(np.diff(sim.control_points[[0, -1], 3])[0]) / (2.0 * math.pi)
-    link = twist + writhe(sim.centerline(np.linspace(0.0, COILED, 8 * points + 1)))
-    return Measured((Answer("link [turns]", TURNS, link),), seconds, sim)
-
-
-def writhe(line: Array) -> float:
-    """Writhe of a polygon (m, 3) whose ends go on straight along x: of all pairs of its edges, the
-    solid angle of the directions in which they are seen to cross, over 2 pi (Klenin and Langowski
-    2000, method 1a).
-    """
-    far = np.array([[40.0 * COILED, 0.0, 0.0]])
-    line = np.vstack((line[:1] - far, line, line[-1:] + far))
-    first, second = np.triu_indices(len(line) - 1, 2)
-    begin, end = line[:-1], line[1:]
-    corners = [
-        begin[second] - begin[first],
-        end[second] - begin[first],
-        end[second] - end[first],
-        begin[second] - end[first],
-    ]
-    normals = [
-        np.cross(one, other) for one, other in zip(corners, corners[1:] + corners[:1], strict=True)
-    ]
-    units = [n / (np.linalg.norm(n, axis=1)[:, None] + 1e-300) for n in normals]
-    angles = np.zeros(len(first))
-    for one, other in zip(units, units[1:] + units[:1], strict=True):
-        angles += np.arcsin(np.clip(np.sum(one * other, axis=1), -1.0, 1.0))
-    edges = np.cross(end[second] - begin[second], end[first] - begin[first])
-    return float(np.sum(angles * np.sign(np.sum(edges * corners[0], axis=1)))) / (2.0 * math.pi)
-
-
-# Name -> test as a function of its resolution, the resolutions, and the largest error allowed.
-TESTS: dict[str, tuple[Callable[..., Measured], tuple[float, ...], float]] = {
-    "rest on a table": (rest, (1e-2, 5e-3), 0.001),
-    "bounce": (bounce, (1e-2, 1e-3), 1e-8),
-    "slope": (slope, (5e-3, 2e-3), 0.005),
-    "sliding rod, 5 N": (partial(sliding, 5.0), (1e-2, 5e-3, 1e-3), 0.01),
-    "sliding rod, 8 N": (partial(sliding, 8.0), (1e-2, 5e-3, 1e-3), 0.01),
-    "sliding rod, 10 N": (partial(sliding, 10.0), (1e-2, 5e-3, 1e-3), 0.01),
-    "lifted end, held": (partial(lifted, True), (20, 40, 80), 0.005),
-    "lifted end, pinned": (partial(lifted, False), (20, 40, 80), 0.005),
-    "capstan, pi/2": (partial(capstan, 0.5 * math.pi), (23, 43, 83), 0.01),
-    "capstan, pi": (partial(capstan, math.pi), (43, 83, 123), 0.01),
-    "capstan, 2 pi": (partial(capstan, 2.0 * math.pi), (83, 166), 0.01),
-    "conveyor": (conveyor, (5e-3, 1e-3), 0.01),
-    "column between walls": (column, (43, 83), 0.02),
-    "chain over pegs": (pegs, (60, 100), 0.005),
-    "linked loops": (linked, (70, 100), 0.01),
-    "loose overhand knot": (knot, (100, 140), 0.05),
-    "plectoneme": (plectoneme, (40, 60), 0.00125),
-}
-HEADER = "test | resolution | quantity | exact | measured | error [%] | allowed [%] | run time [s]"
+HEADER = (
+    "test | resolution | quantity | exact | measured | error [%] | allowed | verdict | run time [s]"
+)
 CHART = "test | run time [s] | largest error [%]"
 
 
@@ -686,29 +454,46 @@ def run_study(request: Request) -> Outcome:
     """Run the study into a folder."""
     report = Report(request, "Contact and friction: known answers", {})
     rows: list[tuple[object, ...]] = []
+    loops: list[tuple[object, ...]] = []
     points: list[tuple[str, float, float]] = []
     verdicts = {}
-    for number, (name, (test, resolutions, allowed)) in enumerate(TESTS.items()):
-        used = resolutions[:2] if request.quick else resolutions
-        best = math.inf
-        for resolution in used:
-            found = test(resolution)
-            errors = [answer.error for answer in found.answers]
-            best = min(best, max(map(abs, errors)))
-            points.append((name, found.seconds, max(map(abs, errors))))
-            rows += [
-                (name, resolution, one.quantity, one.exact, one.value, one.error, allowed)
-                + (found.seconds,)
-                for one in found.answers
-            ]
-        good = "meets" if best <= allowed else "misses"
-        verdicts[name] = f"error {100.0 * best:.2g} %, {good} {100.0 * allowed:.2g} %"
+    for number, (name, (test, few, more)) in enumerate(TESTS.items()):
+        for resolution in few if request.quick else few + more:
+            try:
+                found = test(resolution)
+            except RuntimeError as failure:
+                verdicts[name] = f"misses: {failure}"
+                rows.append((name, resolution, str(failure), *[None] * 4, "misses", None))
+                continue
+            verdicts[name] = verdict(found)
+            rows += [row(name, resolution, answer, found.seconds) for answer in found.answers]
+            loops += found.loops
+            relative = [abs(answer.error) for answer in found.answers if answer.exact]
+            points += [(name, found.seconds, max(relative))] if relative else []
         request.progress((number + 1.0) / len(TESTS))
     report.text(
-        "The resolution is a step [s] or a number of control points. Run time is processor time of "
-        "the steps with energy_momentum, without building the simulator. Lengths of lifted ends "
-        "include the (4 EI / k)^(1/4) by which a table of finite stiffness lets go earlier."
+        """The resolution is a step [s] or a number of control points; a test is judged at the last
+        one. Run time is processor time of the steps with energy_momentum, without building the
+        simulator. Lengths of lifted ends include the (4 EI / k)^(1/4) by which a table of finite
+        stiffness lets go earlier. What should be 0 is allowed to be up to the number given."""
     )
     report.table("contact", HEADER, rows, "Known answers")
     report.chart("contact_cost", CHART, points, "Error against run time", log="xy", marker="o")
+    report.table("knots", LOOPS, loops, "Overhand knots: means of the pull between two loops")
     return report.outcome(verdicts)
+
+
+def verdict(found: Measured) -> str:
+    """Whether all answers are within what is allowed: the one that is nearest to it or beyond."""
+    worst = max(found.answers, key=lambda one: abs(one.error) / (one.allowed or 1e-300))
+    words = "meets" if all(answer.meets for answer in found.answers) else "misses"
+    return f"{words}: {worst.words}, in {found.seconds:.2g} s"
+
+
+def row(name: str, resolution: float, answer: Answer, seconds: float) -> tuple[object, ...]:
+    """Row of HEADER."""
+    allowed = f"{100.0 * answer.allowed:.3g} %" if answer.exact else f"{answer.allowed:.3g}"
+    error = answer.error if answer.exact else None
+    words = "meets" if answer.meets else "misses"
+    shown = (answer.quantity, answer.exact, answer.value, error, allowed, words)
+    return name, resolution, *shown, seconds

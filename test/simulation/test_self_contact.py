@@ -15,7 +15,7 @@ from dlo_sim.session.outputs import Outputs
 from dlo_sim.session.topics import CONTACTS
 from dlo_sim.simulation import self_contact
 from dlo_sim.simulation.selection import is_implicit
-from dlo_sim.studies.contact import linked, plectoneme
+from dlo_sim.studies.strands import linked, plectoneme
 
 DIAMETER, COUNT = 0.005, 26
 CABLE = {
