@@ -276,6 +276,9 @@ class State(Group):
         "pairs",  # of segments that may touch in a step (`self_contact`)
         "pairs_lost",  # for which there was no room in accepted steps
         "crossed",  # steps in which the cable passed through itself
+        "pair_yield",  # by which the cable touches itself with a smaller diameter [m]
+        "pair_yield_end",  # this at the end of the step
+        "overlap",  # by which strands overlapped when the run began [m]
         "near_spans",  # pairs of spans in `near_pair`
         "near_margin",  # by which control points may move until these are found anew [m]
         "near_way",  # by how much they moved since, relative to each other [m]
@@ -316,7 +319,8 @@ class Work(Group):
         "matrix_known",  # 1 while the factors of `methods.rattle` are those of the present one
         "power",  # of the grasps at the present state [W] (`methods.runge_kutta`)
         "coupled",  # 1 while the factors of the step are in `skyline`
-        "pair_loss",  # of the last `self_contact.sane` [J]
+        "pair_loss",  # of the last `self_contact.add_force` [J]
+        "pair_work",  # of the diameter that grows back, likewise [J]
         "pairs_beyond",  # for which there is no room in this step
     )
     # twist relative to the Bishop frame

@@ -25,6 +25,11 @@ bristle, of the length of the penetration times mu, begins anew; its energy is l
 
 Where the contact goes over, two pairs share the pressure: for a moment it is up to twice as stiff.
 
+**Strands that overlap** when a run begins would fling each other out. They touch with a diameter
+that is less by as much as they overlap and grows back at the speed RETURN, as the reach of an
+obstacle that yields (`engine.contact`). The gap then changes by the growth, too, and p times the
+growth is the work that it does.
+
 **Crossing.** Control points move straight from the start of a step to its end. A step in which two
 segments would pass through each other is not accepted (`sane`), so that the chain keeps its knots.
 
@@ -48,6 +53,7 @@ from dlo_sim.engine.contact import (
     BRISTLE_DAMPING,
     DAMPING,
     FRICTION,
+    RETURN,
     STIFFNESS,
     TINY,
     friction,
@@ -58,7 +64,9 @@ from dlo_sim.engine.skyline import add_entry, begin_skyline, open_skyline, reach
 from dlo_sim.terms.one_sided import depth
 from dlo_sim.terms.vectors import combined, cross, dot
 
-BLUNT = 0.005  # r in squared lengths of a segment: more makes strands that slide feel segments
+# r in squared lengths of a segment, up to LONGEST diameters: more makes strands that slide feel
+# segments, and r / 2 adds to the squared distance of their ends.
+BLUNT, LONGEST = 0.005, 2.0
 CONE = 0.8  # cosine to its first edge, of a stretch of the cable that cannot touch itself
 TURN = 0.1  # change of edges, in their lengths, until such stretches are looked for anew
 # Change of an edge, in its length, in a step that is repeated in halves: with FOLD at both ends a
@@ -166,8 +174,8 @@ def lengths_of_pairs(cable):
         ends[LONG, p] = 0.0
         if p < count:
             a, b, _, _ = pair_of(cable, cable.state.pair[0, p])
-            ends[BLUNT_A, p] = BLUNT * chain.length[a] ** 2
-            ends[BLUNT_B, p] = BLUNT * chain.length[b] ** 2
+            ends[BLUNT_A, p] = BLUNT * min(chain.length[a], LONGEST * chain.diameter) ** 2
+            ends[BLUNT_B, p] = BLUNT * min(chain.length[b], LONGEST * chain.diameter) ** 2
             ends[LONG, p] = 0.5 * (chain.length[a] + chain.length[b])
             beside[a // LANES] = beside[b // LANES] = 1.0
 
@@ -289,7 +297,7 @@ def spread_forces(cable, count, out):
 
 
 @piece(
-    *((float64, float64), CABLE, float64, float64, float64, boolean),
+    *(void, CABLE, float64, float64, float64, boolean),
     *(LINES, LINES),
     terms=SELF,
 )
@@ -300,21 +308,20 @@ def add_force(cable, springs, rate, most, rubs, x1, out):
     Args:
         springs: factor of the elastic pressure, 1 or 0. rate: 1 / tau, 0 for the elastic pressure
             at x1 alone. most: bound of k_t + c_t / tau. rubs: whether there is friction.
-
-    Returns:
-        Energy put into the bristles [J] and loss [J].
     """
     chain, state, work = cable.chain, cable.state, cable.work
-    count = int(state.balance.pairs)
+    count, balance = int(state.balance.pairs), state.balance
     if count == 0:
-        return 0.0, 0.0
+        return
+    thick0 = chain.diameter - balance.pair_yield
+    thick1 = chain.diameter - balance.pair_yield_end if rate > 0.0 else thick0
     ends, kept_law, trial_z = work.pair_ends, work.pair_law, work.pair_trial
     k, c, k_t, whole = law_of_step(cable, rate, most)
     stiff, rubbed = (k_t, whole), rubs and chain.law[FRICTION] > 0.0
     place_corners(cable, x1)
     gather(cable, ENDED)
     forces, begun = work.pair_force, BEGUN if rate > 0.0 else ENDED
-    kept, lost = zero(), zero()
+    worked, lost = zero(), zero()
     for p in range(0, count, LANES):
         blunt = load(ends, BLUNT_A, p), load(ends, BLUNT_B, p)
         wide = load(ends, LONG, p)
@@ -334,10 +341,11 @@ def add_force(cable, springs, rate, most, rubs, x1, out):
         near_after, far_before = between(after, s0, t0), between(before, s1, t1)
         toward = combined(one, near, one, near_after), combined(one, far_before, one, far)
         n = combined(1.0 - share, toward[0], share, toward[1])
-        gap0, gap1 = d0 - chain.diameter, d1 - chain.diameter
+        gap0, gap1 = d0 - thick0, d1 - thick1
         elastic, pressure, slope = pressed(k, c, gap0, gap1)
         lost += wide * (pressure - elastic) * (gap0 - gap1)
         push = pressure - (1.0 - springs) * elastic
+        worked += wide * push * (thick1 - thick0)
         first, last = scaled((1.0 - share) * push, toward[0]), scaled(share * push, toward[1])
         hold = lean = gone = zero()
         way = n
@@ -355,11 +363,10 @@ def add_force(cable, springs, rate, most, rubs, x1, out):
             z1 = only(pressure, z1)
             change = combined(1.0, z1, -1.0, held)
             slid = combined(1.0, combined(1.0, held, 1.0, slip), -1.0, z1)
-            full, stored = dot(z, z), dot(z1, z1)
+            full = dot(z, z)
             loss = (0.5 * k_t + whole - k_t) * dot(change, change)
             loss += 0.5 * k_t * (full - dot(held, held)) + holds * dot(trial, slid)
             lost += wide * where(pressure, loss, 0.5 * k_t * full)
-            kept += 0.5 * k_t * wide * (stored - full)
             for d in range(3):
                 store(trial_z, d, p, z1[d])
             slides = where(holds - 1.0 + 1e-15, 0.0, 1.0) * where(pressure, 1.0, 0.0)
@@ -386,7 +393,7 @@ def add_force(cable, springs, rate, most, rubs, x1, out):
             store(forces, 6 + d, p, -((1.0 - t0) * first[d] + (1.0 - t1) * last[d]))
             store(forces, 9 + d, p, -(t0 * first[d] + t1 * last[d]))
     spread_forces(cable, count, out)
-    return lane_sum(kept), lane_sum(lost)
+    work.results.pair_work, work.results.pair_loss = lane_sum(worked), lane_sum(lost)
 
 
 @part
@@ -407,7 +414,7 @@ def energy(cable, x, out):
     for p in range(0, count, LANES):
         blunt = load(ends, BLUNT_A, p), load(ends, BLUNT_B, p)
         _, _, square = nearest(segments_at(ends, ENDED, p), blunt)
-        deep = depth(sqrt(square) - chain.diameter)
+        deep = depth(sqrt(square) - (chain.diameter - state.balance.pair_yield))
         z = load(state.pair, 1, p), load(state.pair, 2, p), load(state.pair, 3, p)
         stored = chain.law[STIFFNESS] * deep * deep + chain.law[BRISTLE] * dot(z, z)
         sum_ += 0.5 * load(ends, LONG, p) * stored
@@ -689,10 +696,13 @@ def find_pairs(cable, x, change):
     gather(cable, BEGUN)
 
 
-@piece(void, CABLE, LINES, LINES, LINES, terms=SELF)
-def begin(cable, x0, x1, change):
-    """Prepare a step from x0 that is expected to lead to x1 = x0 + change: find what may touch."""
+@piece(void, CABLE, float64, LINES, LINES, LINES, terms=SELF)
+def begin(cable, tau, x0, x1, change):
+    """Prepare a step of length tau from x0 that is expected to lead to x1 = x0 + change: find what
+    may touch.
+    """
     balance = cable.state.balance
+    balance.pair_yield_end = max(balance.pair_yield - RETURN * tau, 0.0)
     way, turn = motion(cable, x0, x1)
     way = ROOM * way + 0.1 * LEAST * cable.chain.diameter
     cable.work.results.pairs_beyond = 0.0
@@ -714,7 +724,7 @@ def look(address):
         for c in range(0, change.shape[1], LANES):
             store(change, d, c, 0.0)
     balance.near_margin = balance.near_way = balance.near_turn = 0.0
-    begin(cable, x, x, change)
+    begin(cable, 0.0, x, x, change)
 
 
 # -- the end of a step ---------------------------------------------------------------------------
@@ -832,7 +842,7 @@ def sane(cable, tau, x0, x1, change, last):
     work, count = cable.work, int(cable.state.balance.pairs)
     if count == 0:
         return True
-    _, work.results.pair_loss = add_force(cable, 1.0, 1.0 / tau, np.inf, YES, x1, work.rate)
+    add_force(cable, 1.0, 1.0 / tau, np.inf, YES, x1, work.rate)
     for p in range(count):
         if work.pair_law[PASSED, p] > 0.0 and crosses(cable, p):
             if not last:
@@ -846,9 +856,11 @@ def sane(cable, tau, x0, x1, change, last):
 def keep(cable):
     """Account for a step that was `sane`, and keep its bristles."""
     state, count = cable.state, int(cable.state.balance.pairs)
+    state.balance.pair_yield = state.balance.pair_yield_end
     if count == 0:
         return
     state.balance.dissipated += cable.work.results.pair_loss
+    state.balance.drive_work += cable.work.results.pair_work
     if cable.chain.law[FRICTION] > 0.0:
         for p in range(count):
             for d in range(3):
@@ -860,8 +872,8 @@ def keep(cable):
 
 @piece(void, int64, ARRAY_2D, terms=SELF)
 def report(address, out):
-    """Of all pairs at the present configuration: length [m] that touches, else 0; on the first
-    strand the material coordinate [m] and the force [N], by line (3).
+    """Of all pairs at the present configuration: gap [m]; length [m] that touches, else 0; on the
+    first strand the material coordinate [m] and the force [N], by line (3).
     """
     cable, values = cable_at(address), grid(out)
     chain, ends, pair = cable.chain, cable.work.pair_ends, cable.state.pair
@@ -873,15 +885,17 @@ def report(address, out):
         segments = segments_at(ends, ENDED, p)
         s, t, square = nearest(segments, blunt)
         far = sqrt(square)
-        deep, wide = depth(far - chain.diameter), load(ends, LONG, p)
+        gap, wide = far - chain.diameter, load(ends, LONG, p)
+        deep = depth(gap + cable.state.balance.pair_yield)
         z = load(pair, 1, p), load(pair, 2, p), load(pair, 3, p)
         push = -chain.law[STIFFNESS] * deep
         f = combined(push / (far + TINY), between(segments, s, t), -chain.law[BRISTLE], z)
         for k in range(min(LANES, values.shape[0] - p)):
+            row = values[p + k]
+            row[0] = lane(gap, k)
             if lane(deep, k) < 0.0:
                 a, _, i, _ = pair_of(cable, pair[0, p + k])
-                row = values[p + k]
-                row[0] = lane(wide, k)
-                row[1] = chain.arc[a] + (i + lane(s, k)) * chain.length[a]
+                row[1] = lane(wide, k)
+                row[2] = chain.arc[a] + (i + lane(s, k)) * chain.length[a]
                 for d in range(3):
-                    row[2 + d] = lane(wide, k) * lane(f[d], k)
+                    row[3 + d] = lane(wide, k) * lane(f[d], k)

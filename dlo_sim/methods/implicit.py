@@ -244,7 +244,7 @@ def begin_step(cable, t0, tau):
     difference(state.x, work.start, work.change)
     if cable.terms & CONTACT:
         contact.begin(cable, t0, tau, contact.largest_way(cable, work.change), work.start)
-    self_contact.begin(cable, work.start, state.x, work.change)
+    self_contact.begin(cable, tau, work.start, state.x, work.change)
 
 
 @part

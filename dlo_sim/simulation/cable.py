@@ -84,6 +84,7 @@ class Cable:
         positions and velocities (`put`).
         """
         kept = [array.copy() for array in self._lasting]
+        axes = list(self.model.axes)
         pending, touched = self.account.pending, self._touched()
         self.state[:] = 0.0
         if model.rooms == self.model.rooms:
@@ -96,6 +97,11 @@ class Cable:
         self._begin_slides()
         for array, values in zip(self._lasting, kept, strict=True):
             array[...] = values
+        if axes != list(model.axes):  # bristles between strands are by line
+            bristles = self.arrays.state.pair[1:].copy()
+            self.arrays.state.pair[1:] = 0.0
+            for line, axis in enumerate(axes):
+                self.arrays.state.pair[1 + list(model.axes).index(axis)] = bristles[line]
         self._touch(touched)
         self.account.load_work += pending
         self._forget_history()
@@ -265,6 +271,12 @@ class Cable:
             state.pair[:] = state.balance.pairs = 0.0
             self.call(self_contact.look)
 
+    def strands(self) -> Array:
+        """What of the cable may touch itself, rows of `engine.self_contact.report`."""
+        rows = np.zeros((int(self.account.pairs), 6))
+        self.call(self_contact.report, rows)
+        return rows
+
     def give_way(self, obstacle: int) -> float:
         """Let an obstacle yield to the cable that is inside it; returns by how much [m]."""
         return float(self.call(contact.give_way, obstacle))
@@ -363,8 +375,15 @@ class Cable:
         if self.model.has(SELF):
             state.pair[:] = 0.0
             self.call(self_contact.look)
+            self._part_strands()
         state.balance.floor = 0.5 * cable.mu * cable.length * (CREEP * cable.length) ** 2
         self.call(between_steps.open_account)
+
+    def _part_strands(self) -> None:
+        """Let strands that overlap give way (`engine.self_contact`)."""
+        account, depth = self.account, -float(self.strands()[:, 0].min(initial=0.0))
+        if depth > contact.SHALLOW * self.arrays.chain.diameter:
+            account.overlap = account.pair_yield = account.pair_yield_end = depth
 
     def _forget_history(self) -> None:
         """Set the numbers that are zero without earlier steps."""

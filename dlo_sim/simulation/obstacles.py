@@ -398,12 +398,11 @@ def depth_warning(scene: Scene, count: float) -> str:
 
 
 def press_warning(name: str, found: Contact, scene: Scene) -> str:
-    """One line if the cable is deep in an obstacle that presses it, or in itself, else empty."""
+    """One line if the cable is deep in an obstacle that presses it, else empty."""
     if -found.clearance <= 0.5 * scene.cable.diameter or not len(found.u):
         return ""
-    key = "contact.self" if name == ITSELF else f"obstacles.{name}"
     return (
-        f"{key}: the cable is pressed {-found.clearance:.3g} m into it, more than half "
+        f"obstacles.{name}: the cable is pressed {-found.clearance:.3g} m into it, more than half "
         "its diameter; give it room, or raise contact.stiffness"
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -10,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
-from dlo_sim.engine import self_contact
 from dlo_sim.engine.arrays import SELF, CableArrays
+from dlo_sim.engine.contact import RETURN, STIFFNESS
 from dlo_sim.scene.description import EARTH, Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.arrays import to_blocks
@@ -71,6 +72,7 @@ PLACES = 9  # of a span, that are compared before the nearest is refined
 MOVED = 1.0
 _XI = np.linspace(-1.0, 1.0, PLACES)
 DEEP = 0.5  # diameters, inside itself, in which no cable may begin
+PRESSED = 0.01  # of the diameter that strands are inside each other, above which this is said
 
 
 class Nearest(NamedTuple):
@@ -234,15 +236,32 @@ class Watch:
         )
 
 
-def warning(cable: Cable) -> str:
-    """One line about what the contact of a cable with itself could not bear, else empty."""
-    account = cable.account
+def warnings(scene: Scene, cable: Cable, found: Contact | None) -> Iterator[str]:
+    """Lines about what the contact of a cable with itself cannot bear; `found`: what touches now,
+    None if it does not touch itself.
+    """
+    if found is None:
+        return
+    account, diameter = cable.account, scene.cable.diameter
     lines = []
     if account.crossed:
         lines.append(f"it passed through itself in {account.crossed:.0f} steps")
     if account.pairs_lost:
         lines.append(f"{account.pairs_lost:.0f} pairs of segments were left out")
-    return f"contact.self: {' and '.join(lines)}; use a smaller integrator.step" if lines else ""
+    if lines:
+        yield f"contact.self: {' and '.join(lines)}; use a smaller integrator.step"
+    if account.overlap:
+        yield (
+            f"contact.self: the cable began up to {account.overlap:.3g} m inside itself, and is "
+            f"pushed out at {RETURN:g} m/s; begin with its strands apart"
+        )
+    deep = -found.clearance - account.pair_yield
+    if deep > PRESSED * diameter:
+        yield (
+            f"contact.self: strands are pressed {deep:.2g} m into each other, {deep / diameter:.1%}"
+            f" of the diameter, by up to {found.pressure:.3g} N/m; raise contact.stiffness above "
+            f"{cable.arrays.chain.law[STIFFNESS]:.2g}"
+        )
 
 
 def check_start(scene: Scene, cable: Cable) -> None:
@@ -266,19 +285,17 @@ def contact_with_itself(cable: Cable, diameter: float) -> Contact:
     strands. `force` is half the sum of the sizes of all forces, in no direction: those on both
     strands cancel. The friction is that of the bristles, without their damping.
     """
-    model, count = cable.model, int(cable.account.pairs)
-    rows = np.zeros((count, 7))
-    cable.call(self_contact.report, rows)
-    rows = rows[rows[:, 0] > 0.0]
-    forces, points = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
-    forces[:, list(model.axes)] = rows[:, 2 : 2 + len(model.axes)]
-    points = bspline.evaluate(cable.points[:, :3], model.knots, rows[:, 1]) + model.origin
+    model, rows = cable.model, cable.strands()
+    rows = rows[rows[:, 1] > 0.0]
+    forces, u = np.zeros((len(rows), 3)), rows[:, 2]
+    forces[:, list(model.axes)] = rows[:, 3 : 3 + len(model.axes)]
+    points = bspline.evaluate(cable.points[:, :3], model.knots, u) + model.origin
     sizes = np.linalg.norm(forces, axis=1)
     return Contact(
         clearance=nearest(model, cable.points, diameter).clearance,
         force=np.zeros(3),
-        pressure=float((sizes / np.maximum(rows[:, 0], 1e-300)).max(initial=0.0)),
-        u=rows[:, 1],
+        pressure=float((sizes / np.maximum(rows[:, 1], 1e-300)).max(initial=0.0)),
+        u=u,
         points=points,
         forces=forces,
         passes=np.zeros(0),

@@ -125,6 +125,7 @@ class Simulator:
         end_poses: poses of end effectors and obstacles at time 0, {"start": (position [m] (3,),
             quaternion x, y, z, w (4,)), ...}; the others have the poses of the scene.
         unchecked_step: use integrator.step even above the stability limit (to study stability).
+        continues: `take_over` follows, so a start inside itself is not refused.
 
     For an argument of a wrong type or value, every method raises a TypeError or ValueError of one
     line that names the cure, and leaves the state unchanged.
@@ -139,6 +140,7 @@ class Simulator:
         end_poses: Mapping[str, Pose] | None = None,
         *,
         unchecked_step: bool = False,
+        continues: bool = False,
     ) -> None:
         arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
         self.scene, self.resolution = resolved(scene)
@@ -171,7 +173,8 @@ class Simulator:
         self._shape_naturally()
         lay = self._lay_natural_shape if self._natural.follows else None
         place(scene, self._geometries, self._ends, self.cable, lay)
-        self_contact.check_start(scene, self.cable)
+        if not continues:
+            self_contact.check_start(scene, self.cable)
         self._watch = self_contact.Watch()
         frequency = largest_frequency(scene, self.cable)
         frequency = with_grasps_and_contact(scene, model, frequency)
@@ -235,6 +238,8 @@ class Simulator:
         tolerance, account = self.scene.integrator.tolerance, self.cable.account
         notable = account.exchanged > NOTABLE * account.floor
         error = self.energy_error if notable else 0.0
+        found = self.contacts
+        itself = found.pop(obstacles.ITSELF, None)
         lines = (
             coiling_warning(self.scene, self.cable),
             balance_warning(self.choice.method, tolerance, error),
@@ -242,12 +247,9 @@ class Simulator:
             obstacles.mesh_warning(self.scene),
             obstacles.depth_warning(self.scene, float(account.contact_deep)),
             *(obstacles.jump_warning(name, *jumps) for name, jumps in self._jumps.items()),
-            *(
-                obstacles.press_warning(name, found, self.scene)
-                for name, found in self.contacts.items()
-            ),
+            *(obstacles.press_warning(name, one, self.scene) for name, one in found.items()),
             self._watch.warning,
-            self_contact.warning(self.cable),
+            *self_contact.warnings(self.scene, self.cable, itself),
         )
         return (*self._needs.warnings, *filter(None, lines))
 
@@ -1179,7 +1181,7 @@ class Simulator:
             if not any(scene.ends[end].tangent)
         }
         poses = {name: self.end_pose(name) for name in scene.holders | scene.moved}
-        other = Simulator(replace(scene.with_values(tangents), added=()), poses)
+        other = Simulator(replace(scene.with_values(tangents), added=()), poses, continues=True)
         other.scene, other.resolution = replace(scene, added=()), resolution
         other.take_over(self)
         return other

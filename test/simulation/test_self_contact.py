@@ -82,6 +82,41 @@ def overhand():
     return np.vstack((knot[0] + s[:0:-1] * before, knot, knot[-1] + s[1:] * after))
 
 
+def loop(gap):
+    """A loop in the plane xy whose legs cross at a distance of their axes in diameters."""
+    t = np.linspace(-1.6, 1.6, 3000)
+    over = gap * 0.5 * DIAMETER * np.sin(0.5 * np.pi * t)
+    return np.stack((0.06 * (t**2 - 1.0), 0.05 * (t**3 - t), over), axis=1)
+
+
+def bulb(gap):
+    """A hairpin in the plane xz whose strands lie along each other at this distance of their axes
+    in diameters."""
+    t, angle = np.linspace(0.0, 1.0, 400)[:, None], np.linspace(0.5, -0.5, 200)[:, None] * np.pi
+    near, none = 0.5 * gap * DIAMETER, 0.0 * t
+    ahead = 0.0125 * (0.5 + 0.5 * np.cos(np.pi * np.clip(2.5 * t, 0.0, 1.0)))
+    one, other = np.hstack((-0.15 * t, none, near + ahead)), np.hstack((-0.15 * t, none, none))
+    other[:, 2] -= one[:, 2]
+    bend = (near + 0.0125) * np.hstack((np.cos(angle), 0.0 * angle, np.sin(angle)))
+    return np.vstack((one[::-1], bend, other))
+
+
+def pulled_apart(sim, points):
+    """The same simulator, whose ends go on at 0.2 m/s, away from each other."""
+    out = points[-1] - points[0]
+    out *= 0.2 / np.linalg.norm(out)
+    for name, place, way in (("start", points[0], -out), ("end", points[-1], out)):
+        motion = EndMotion(
+            start=0.0,
+            duration=1.0,
+            position=place,
+            orientation=rotations.IDENTITY,
+            velocity=way,
+        )
+        sim.set_motion(name, motion)
+    return sim
+
+
 def momenta(sim):
     """Momentum and angular momentum."""
     flow = mass.dense(sim.model.mass(0)) @ sim.velocities[:, :3]
@@ -158,18 +193,7 @@ def test_contact_too_soft_to_hold_is_counted():
 
 def test_a_knot_is_tightened():
     """The ends of an overhand knot are pulled apart: it locks, and nothing passes through."""
-    sim, points = along(overhand(), HELD, DAMPED, {"contact.friction": 0.2})
-    out = points[-1] - points[0]
-    out *= 0.2 / np.linalg.norm(out)
-    for name, place, way in (("start", points[0], -out), ("end", points[-1], out)):
-        motion = EndMotion(
-            start=0.0,
-            duration=1.0,
-            position=place,
-            orientation=rotations.IDENTITY,
-            velocity=way,
-        )
-        sim.set_motion(name, motion)
+    sim = pulled_apart(*along(overhand(), HELD, DAMPED, {"contact.friction": 0.2}))
     pulled, iterations, steps = [], 0, 0
     for _ in range(5):
         report = sim.advance(0.05)
@@ -186,6 +210,10 @@ def test_a_knot_is_tightened():
     assert found.total > pulled[-1]
     np.testing.assert_allclose(found.points, sim.centerline(found.u), atol=1e-12)
     assert shown_lines(sim) == 2 * len(found.u)
+    assert not any("contact.self" in line for line in sim.warnings)
+    deep = found._replace(clearance=-0.02 * DIAMETER)
+    (line,) = self_contact.warnings(sim.scene, sim.cable, deep)
+    assert "pressed 0.0001 m into each other, 2.0% of the diameter" in line
     forecast = sim.forecast(Plan(np.array([0.0, 0.004]), {}), 0.002)  # that the motion goes on
     sim.advance(0.004)
     last = sim.contacts["itself"]
@@ -195,6 +223,50 @@ def test_a_knot_is_tightened():
     total = sim.contacts["itself"].total
     assert forecast.obstacles["contact_total"][-1] == pytest.approx(total, rel=1e-12)
     assert 0.5 * last.total < total != last.total
+
+
+def test_a_cable_much_thinner_than_its_segments_is_knotted():
+    """Segments of a hundred diameters: their smoothing must not let strands come through."""
+    sim = pulled_apart(*along(overhand(), HELD, DAMPED, {"cable.diameter": 1e-5}))
+    assert sim.advance(0.1).status.ok
+    assert sim.contacts["itself"].total > 0.1
+    assert sim.cable.account.crossed == 0.0
+    assert sim.clearance_to_itself > -0.1e-5
+
+
+def test_strands_that_overlap_are_pushed_out_slowly():
+    sim, _ = along(loop(0.6), FREE, DAMPED, {"contact.friction": 0.2})
+    began = sim.clearance_to_itself
+    assert began == pytest.approx(-0.4 * DIAMETER, rel=1e-2)
+    gaps = []
+    for _ in range(10):
+        assert sim.advance(0.001).status.ok
+        gaps.append(sim.clearance_to_itself - began)
+    assert max(np.diff(gaps[:5])) < 1.2 * 0.2e-3, "at 0.2 m/s, as long as nothing else moves them"
+    assert gaps[-1] > 0.38 * DIAMETER
+    assert sim.energy_error < 1e-6
+    assert any("began up to 0.002 m inside itself" in line for line in sim.warnings)
+
+
+def test_friction_between_strands_stays_when_the_cable_leaves_its_plane():
+    sim, points = along(bulb(1.0), HELD, {"terms.out_of_plane": "auto", "contact.friction": 0.5})
+    sim.set_motion(
+        "end",
+        EndMotion(
+            start=0.0,
+            duration=0.02,
+            position=points[-1],
+            orientation=rotations.IDENTITY,
+            velocity=[0.02, 0.0, 0.06],
+        ),
+    )
+    assert sim.advance(0.02).status.ok
+    before = sim.contacts["itself"]
+    assert sim.model.axes == (0, 2) and before.total > 1.0
+    assert np.abs(before.forces[:, 0]).max() > 0.1, "friction along the strands"
+    sim.set_end("end", sim.end_pose("end")[0] + [0.0, 1e-9, 0.0])
+    assert sim.model.axes == (0, 1, 2)
+    np.testing.assert_array_equal(sim.contacts["itself"].forces, before.forces)
 
 
 def test_linked_loops_bear_the_tension_of_their_legs():
