@@ -362,9 +362,9 @@ class Work(Group):
     border_spare = Reals("unknowns")
     border_value = Reals("bordered")
     trial = Lanes("obstacles", "groups", 3)  # bristles at the end of the step
-    looked = Reals(10, groups.LANES)  # places, then distances (`engine.distance_field`)
-    begun = Lanes("obstacles", "groups", 5)  # distance, normal, f at the start of the step
-    begun_known = Reals("obstacles", "groups")  # 1 where `begun` is that of this step
+    looked = Reals(13, groups.LANES)  # distances, then places (`engine.distance_field`)
+    measured = Lanes("obstacles", "groups", 2, 17)  # where samples are (`contact.measure`)
+    measured_known = Reals("obstacles", "groups", 2)  # `contact.UNKNOWN` to OF_STEP
     contact_sums = Reals(90, groups.LANES)  # derivatives between the control points of a span
     contact_values = Reals(9, groups.LANES)  # derivatives of the forces on samples
     pair_sums = Reals(9, 2 * groups.LANES)

@@ -68,14 +68,16 @@ from dlo_sim.terms.vectors import combined, dot
 
 HALF_SPACE, BOX, CYLINDER, TUBE, MESH = range(5)  # kinds of cores
 START, MIDDLE, END = 0, 12, 24  # entries of a pose: R by rows (9), c (3)
+BEGUN, ENDED = 0, 1  # of `work.measured`: at the start and the end of a step
+UNKNOWN, KNOWN, OF_STEP = 0.0, 1.0, 2.0  # whether that is of the obstacles, and of this step
+# Entries there of a group of samples: points of the cable, their places in the frame of an
+# obstacle, and what `distance` says: d, n, f and the last six.
+POINT, PLACE, DISTANCE, NORMAL, FAR, BEND = 0, 3, 6, 7, 10, 11
 # Entries of the law of an obstacle, per length of cable: k, c, k_t, c_t, mu.
 STIFFNESS, DAMPING, BRISTLE, BRISTLE_DAMPING, FRICTION = range(5)
 
 TINY = 1e-30
 SMOOTH = 1e-18  # [m^2], of a motion of 1e-9 m, below which n needs no directional part
-# Bound of the slope of the field of a mesh: its spline overshoots where a wall is thinner than two
-# cells (1.33 above one of 1.2 cells).
-STEEPEST = 2.0
 JUMP = 0.05  # share of the reach that a step may move past an obstacle without a look at normals
 # Share of the velocity of a lumped mass that a kick of friction may take. The mass at the end of a
 # cable is less than half of that, so half would already turn it round.
@@ -183,8 +185,9 @@ def give_way(address, obstacle):
     first = 0 if contact.core[o] == HALF_SPACE else contact.coarse
     last = contact.coarse if contact.core[o] == HALF_SPACE else len(contact.first)
     for g in range(first, last):
-        y = to_body(cable.state.pose[o], END, sample_at(cable, cable.state.x, g))
-        depth_ = where(fabs(contact.weight[g]), contact.reach[o] - distance(cable, o, y)[0], 0.0)
+        measure(cable, o, g, ENDED, cable.state.x)
+        gap = cable.work.measured[o, g, ENDED][DISTANCE] - contact.reach[o]
+        depth_ = where(fabs(contact.weight[g]), -gap, 0.0)
         deepest = where(depth_ - deepest, depth_, deepest)
     most = 0.0
     for k in range(LANES):
@@ -329,23 +332,6 @@ def distance(cable, o, y):
     return field_distance(cable, o, y)
 
 
-@part
-def distance_begun(cable, o, g, y, rate, there):
-    """`distance` of the samples of a group at their places y at the start of a step, without its
-    last entry: computed once in a step. With rate 0 it is that at the end.
-    """
-    kept = cable.work.begun[o, g]
-    if rate == 0.0:
-        return there[0], there[1], there[2]
-    if cable.contact.core[o] == HALF_SPACE:
-        return y[2], there[1], there[2]
-    if cable.work.begun_known[o, g] == 0.0:
-        d, n, f, _ = distance(cable, o, y)
-        kept[0], kept[1], kept[2], kept[3], kept[4] = d, n[0], n[1], n[2], f
-        cable.work.begun_known[o, g] = 1.0
-    return kept[0], (kept[1], kept[2], kept[3]), kept[4]
-
-
 # -- samples of the cable ------------------------------------------------------------------------
 
 
@@ -368,6 +354,53 @@ def sample_at(cable, x, g):
         if cable.dim == 3:
             c = e[0] * x[2, at] + e[1] * x[2, at + 1] + (e[2] * x[2, at + 2] + e[3] * x[2, at + 3])
     return a, b, c
+
+
+@part
+def same_place(kept, y):
+    """Whether `work.measured` of a group is that of its places y."""
+    x, b, c = kept[PLACE] - y[0], kept[PLACE + 1] - y[1], kept[PLACE + 2] - y[2]
+    return lane_sum(fabs(x) + fabs(b) + fabs(c)) == 0.0  # not if a place is not finite
+
+
+@piece(void, CABLE, int64, int64, int64, LINES, terms=CONTACT)
+def measure(cable, o, g, when, x):
+    """Set `work.measured[o, g, when]` to the points on x of the samples of a group, their places in
+    the frame of an obstacle, and the distance of these; `when`: BEGUN for its pose at the start of
+    the step, without the curvature, or ENDED. What is known of these places is not computed again;
+    other obstacles come with other working memory, where nothing is known.
+    """
+    kept, known = cable.work.measured[o, g, when], cable.work.measured_known[o, g]
+    r = sample_at(cable, x, g)
+    y = to_body(cable.state.pose[o], START if when == BEGUN else END, r)
+    kept[POINT], kept[POINT + 1], kept[POINT + 2] = r
+    before, known[when] = known[when], OF_STEP if when == BEGUN else KNOWN
+    if before != UNKNOWN and same_place(kept, y):
+        return
+    kept[PLACE], kept[PLACE + 1], kept[PLACE + 2] = y
+    ended = cable.work.measured[o, g, ENDED]
+    if when == BEGUN and known[ENDED] != UNKNOWN and same_place(ended, y):
+        for k in range(DISTANCE, BEND):
+            kept[k] = ended[k]
+        return
+    kept[DISTANCE], n, kept[FAR], bend = distance(cable, o, y)
+    kept[NORMAL], kept[NORMAL + 1], kept[NORMAL + 2] = n
+    if when == ENDED:
+        kept[BEND], kept[BEND + 1], kept[BEND + 2] = bend[0], bend[1], bend[2]
+        kept[BEND + 3], kept[BEND + 4], kept[BEND + 5] = bend[3], bend[4], bend[5]
+
+
+@part
+def three(kept, at):
+    """Three successive entries of lanes."""
+    return kept[at], kept[at + 1], kept[at + 2]
+
+
+@part
+def measured(kept):
+    """`distance` of the samples of a group, as `measure` has kept it."""
+    bend = kept[BEND], kept[BEND + 1], kept[BEND + 2], kept[BEND + 3], kept[BEND + 4]
+    return kept[DISTANCE], three(kept, NORMAL), kept[FAR], (*bend, kept[BEND + 5])
 
 
 @part
@@ -408,17 +441,16 @@ def drop(cable, o, g):
 
 
 @part
-def misses(contact, o, there, dy):
-    """Whether no lane can touch or pass an obstacle in a step dy to a `distance`: its gap there is
-    larger than the way; false for a half space, where nothing is saved.
+def misses(contact, o, here, there, dy):
+    """Whether no lane touches or passes an obstacle in a step dy between two `distance`: it is
+    outside before and after, and moves by no more than both gaps; false for a half space, where
+    nothing is saved.
     """
     if contact.core[o] == HALF_SPACE:
         return False
-    gap = there[0] - contact.reach[o]
-    if contact.core[o] == MESH:
-        gap = gap / STEEPEST
-    free = where(gap, where(gap * gap - dot(dy, dy), 0.0, 1.0), 1.0)
-    return lane_sum(free) == 0.0
+    g0, g1 = here[0] - contact.reach[o], there[0] - contact.reach[o]
+    room = (g0 + g1) * (g0 + g1) - dot(dy, dy)
+    return lane_sum(where(g0, where(g1, where(room, 0.0, 1.0), 1.0), 1.0)) == 0.0
 
 
 @part
@@ -497,9 +529,9 @@ def add_force(cable, springs, rate, most, rubs, x0, x1, out):
         Work of the obstacles [J], energy put into the bristles [J], loss [J], whether no sample may
         have passed through an obstacle, and how many are near the middle of one.
     """
-    contact, state = cable.contact, cable.state
+    contact, state, work = cable.contact, cable.state, cable.work
     worked, kept, lost, jumps, depths = zero(), zero(), zero(), zero(), zero()
-    begun, middle = (START, MIDDLE) if rate > 0.0 else (END, END)
+    begun, middle = (BEGUN, MIDDLE) if rate > 0.0 else (ENDED, END)
     for o in range(contact.count):
         law, pose = contact.law[o], state.pose[o]
         rubbed = rubs and law[FRICTION] > 0.0
@@ -508,16 +540,18 @@ def add_force(cable, springs, rate, most, rubs, x0, x1, out):
         grown = state.yielded[o, 0] - state.yielded[o, 1] if rate > 0.0 else 0.0
         for k in range(int(state.near_count[o])):
             g = int(state.near[o, k])
-            r0, r1, w = sample_at(cable, x0, g), sample_at(cable, x1, g), contact.weight[g]
-            y0, y1 = to_body(pose, begun, r0), to_body(pose, END, r1)
-            dy, there = combined(1.0, y1, -1.0, y0), distance(cable, o, y1)
-            if misses(contact, o, there, dy):
+            if begun == BEGUN and work.measured_known[o, g, BEGUN] != OF_STEP:
+                measure(cable, o, g, BEGUN, x0)
+            measure(cable, o, g, ENDED, x1)
+            before, after = work.measured[o, g, begun], work.measured[o, g, ENDED]
+            dy = combined(1.0, three(after, PLACE), -1.0, three(before, PLACE))
+            here, there, w = measured(before), measured(after), contact.weight[g]
+            if misses(contact, o, here, there, dy):
                 if rubbed:
                     stored = 0.5 * stiff[0] * w * drop(cable, o, g)
                     lost += stored
                     kept = kept - stored
                 continue
-            here = distance_begun(cable, o, g, y0, rate, there)
             gaps, n, elastic, p, _, _, jumped, deep = pressure(cable, o, rate, here, there, dy)
             jumps += where(w, jumped, 0.0)
             depths += where(w, deep, 0.0)
@@ -538,10 +572,11 @@ def add_force(cable, springs, rate, most, rubs, x0, x1, out):
                 loss += 0.5 * stiff[0] * (full - dot(held, held)) + share * dot(trial, slid)
                 lost += w * where(p, loss, 0.5 * stiff[0] * full)
                 kept += 0.5 * stiff[0] * w * (stored - full)
-                ends = cable.work.trial[o, g]
+                ends = work.trial[o, g]
                 ends[0], ends[1], ends[2] = z1
             on_lines = to_lines(pose, middle, f)
-            worked += w * (dot(on_lines, combined(1.0, r1, -1.0, r0)) - dot(f, dy))
+            way = combined(1.0, three(after, POINT), -1.0, three(before, POINT))
+            worked += w * (dot(on_lines, way) - dot(f, dy))
             push_samples(cable, g, scaled(w, on_lines), out)
     sane, deep = lane_sum(jumps) == 0.0, lane_sum(depths)
     return lane_sum(worked), lane_sum(kept), lane_sum(lost), sane, deep
@@ -558,11 +593,12 @@ def energy(cable, x, out):
     """Add the energy of pressure and bristles [J], obstacles at the end of the last step."""
     contact, state, sum_ = cable.contact, cable.state, zero()
     for o in range(contact.count):
-        law, pose = contact.law[o], state.pose[o]
+        law = contact.law[o]
         for k in range(int(state.near_count[o])):
             g = int(state.near[o, k])
-            y = to_body(pose, END, sample_at(cable, x, g))
-            deep = depth(distance(cable, o, y)[0] - contact.reach[o] + state.yielded[o, 1])
+            measure(cable, o, g, ENDED, x)
+            gap = cable.work.measured[o, g, ENDED][DISTANCE] - contact.reach[o]
+            deep = depth(gap + state.yielded[o, 1])
             z = vector_of(state.bristle[o, g])
             stored = law[STIFFNESS] * deep * deep + law[BRISTLE] * dot(z, z)
             sum_ += 0.5 * contact.weight[g] * stored
@@ -617,18 +653,21 @@ def by_motion(law, stiff, there, found, dy, z, rubbed):
 def add_tangent(cable, rate, rubs, x0, x1, scale, band):
     """band -= scale times the Jacobian of `add_force` with respect to x1."""
     contact, state, work, dim = cable.contact, cable.state, cable.work, cable.dim
+    begun = BEGUN if rate > 0.0 else ENDED
     for o in range(contact.count):
         law, pose, block = contact.law[o], state.pose[o], -1
         rubbed = rubs and law[FRICTION] > 0.0
         stiff = law[BRISTLE], law[BRISTLE] + law[BRISTLE_DAMPING] * rate + TINY
         for k in range(int(state.near_count[o])):
             g = int(state.near[o, k])
-            y0 = to_body(pose, START, sample_at(cable, x0, g))
-            y1 = to_body(pose, END, sample_at(cable, x1, g))
-            dy, there = combined(1.0, y1, -1.0, y0), distance(cable, o, y1)
-            if misses(contact, o, there, dy):
+            if begun == BEGUN and work.measured_known[o, g, BEGUN] != OF_STEP:
+                measure(cable, o, g, BEGUN, x0)
+            measure(cable, o, g, ENDED, x1)
+            before, after = work.measured[o, g, begun], work.measured[o, g, ENDED]
+            dy = combined(1.0, three(after, PLACE), -1.0, three(before, PLACE))
+            here, there = measured(before), measured(after)
+            if misses(contact, o, here, there, dy):
                 continue
-            here = distance_begun(cable, o, g, y0, rate, there)
             found = pressure(cable, o, rate, here, there, dy)
             if lane_sum(found[3]) == 0.0:
                 continue
@@ -828,7 +867,8 @@ def begin(cable, t0, tau, way, x):
     balance.contact_carried = carried
     for o in range(cable.contact.count):
         for k in range(int(cable.state.near_count[o])):
-            cable.work.begun_known[o, int(cable.state.near[o, k])] = 0.0
+            known = cable.work.measured_known[o, int(cable.state.near[o, k])]
+            known[BEGUN] = min(known[BEGUN], KNOWN)
 
 
 @part
@@ -963,8 +1003,8 @@ def report(address, obstacle, out):
     contact, state, o = cable.contact, cable.state, obstacle
     law, pose, flat = contact.law[o], state.pose[o], contact.core[o] == HALF_SPACE
     for g in range(0 if flat else contact.coarse, contact.coarse if flat else len(contact.first)):
-        y = to_body(pose, END, sample_at(cable, state.x, g))
-        d, n, _, _ = distance(cable, o, y)
+        measure(cable, o, g, ENDED, state.x)
+        d, n, _, _ = measured(cable.work.measured[o, g, ENDED])
         gap, z = d - contact.reach[o], vector_of(state.bristle[o, g])
         f = combined(-law[STIFFNESS] * depth(gap + state.yielded[o, 1]), n, -law[BRISTLE], z)
         f = scaled(contact.weight[g], to_lines(pose, END, f))

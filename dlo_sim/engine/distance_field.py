@@ -7,8 +7,8 @@ lines, so that they meet no edge.
 
 **Looking up.** The field is a tricubic B-spline, so that the distance, its gradient and its
 curvature are continuous. Edges and walls thinner than two cells are rounded by about a cell.
-Outside of the grid the distance is that from the box around the mesh, which is no more than that
-from the mesh.
+Where a cable is further from the box around the mesh than it reaches, the distance is that from the
+box, which is no more than that from the mesh.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from numba import int64, void
 
 from dlo_sim.compiling.groups import grid, load, store
-from dlo_sim.compiling.lanes import LANES, zero
+from dlo_sim.compiling.lanes import LANES, any_above, lane, sqrt, where, zero
 from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, ARRAY_3D, part, piece
 from dlo_sim.engine.arrays import CABLE, MESHED
 
@@ -31,6 +31,7 @@ FAR = 1e30  # [m^2]
 # Cells by which a coefficient at the nearest grid point may exceed the distance of a point: 0.87
 # for the way between them, the rest since coefficients are not values.
 ROUGH = 1.6
+TINY = 1e-30
 
 
 @part
@@ -181,101 +182,106 @@ def cubic(t):
 
 
 @part
-def set_outside(found, numbers, at, y0, y1, y2):
-    """Distance and gradient of a point from the box around the mesh, in lane `at` of `found`."""
-    w0 = y0 - min(max(y0, numbers[LOW]), numbers[HIGH])
-    w1 = y1 - min(max(y1, numbers[LOW + 1]), numbers[HIGH + 1])
-    w2 = y2 - min(max(y2, numbers[LOW + 2]), numbers[HIGH + 2])
-    far = np.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
-    found[0, at], found[1, at], found[2, at], found[3, at] = far, w0 / far, w1 / far, w2 / far
-    for entry in range(4, 10):
-        found[entry, at] = 0.0
-
-
-@part
-def set_rough(found, field, at, first, along, across, bound):
-    """A lower bound of the distance, with the gradient at the nearest grid point, in lane `at`: for
-    points that do not touch.
-    """
-    n0 = field[first + across] - field[first - across]
-    n1, n2 = field[first + along] - field[first - along], field[first + 1] - field[first - 1]
-    inverse = 1.0 / np.sqrt(n0 * n0 + n1 * n1 + n2 * n2 + 1e-30)
-    found[0, at], found[1, at] = bound, n0 * inverse
-    found[2, at], found[3, at] = n1 * inverse, n2 * inverse
-    for entry in range(4, 10):
-        found[entry, at] = 0.0
+def weighted(rows, z):
+    """Sum of the first four lanes with these weights."""
+    low = lane(rows, 0) * z[0] + lane(rows, 1) * z[1]
+    return low + (lane(rows, 2) * z[2] + lane(rows, 3) * z[3])
 
 
 @part
 def set_inside(found, field, begin, shape, at, fineness, place):
-    """Distance, gradient and curvature from the spline at a place (3) on the grid, in lane `at`."""
+    """Distance, gradient and curvature from the spline at a place (3) on the grid, in lane `at`.
+
+    The lanes are coefficients along z, of which four count.
+    """
     i, j, k = int(place[0]), int(place[1]), int(place[2])
     x, y = cubic(place[0] - i), cubic(place[1] - j)
     z = cubic(place[2] - k)
-    d, dx, dy, dz, xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    c, cx, cy, cxx, cyy, cxy = zero(), zero(), zero(), zero(), zero(), zero()
     for a in range(4):
-        e, ey, ez, eyy, ezz, eyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for b in range(4):
-            first = begin + ((i - 1 + a) * shape[1] + j - 1 + b) * shape[2] + k - 1
-            c0, c1, c2, c3 = field[first], field[first + 1], field[first + 2], field[first + 3]
-            v = c0 * z[0][0] + c1 * z[0][1] + c2 * z[0][2] + c3 * z[0][3]
-            s = c0 * z[1][0] + c1 * z[1][1] + c2 * z[1][2] + c3 * z[1][3]
-            e, ey, eyy = e + y[0][b] * v, ey + y[1][b] * v, eyy + y[2][b] * v
-            ez, eyz = ez + y[0][b] * s, eyz + y[1][b] * s
-            ezz += y[0][b] * (c0 * z[2][0] + c1 * z[2][1] + c2 * z[2][2] + c3 * z[2][3])
-        d, dx, xx = d + x[0][a] * e, dx + x[1][a] * e, xx + x[2][a] * e
-        dy, xy, yy = dy + x[0][a] * ey, xy + x[1][a] * ey, yy + x[0][a] * eyy
-        dz, xz, zz = dz + x[0][a] * ez, xz + x[1][a] * ez, zz + x[0][a] * ezz
-        yz += x[0][a] * eyz
+        first = begin + ((i - 1 + a) * shape[1] + j - 1) * shape[2] + k - 1
+        r0, r1 = load(field, first), load(field, first + shape[2])
+        r2, r3 = load(field, first + 2 * shape[2]), load(field, first + 3 * shape[2])
+        e = y[0][0] * r0 + y[0][1] * r1 + (y[0][2] * r2 + y[0][3] * r3)
+        ey = y[1][0] * r0 + y[1][1] * r1 + (y[1][2] * r2 + y[1][3] * r3)
+        eyy = y[2][0] * r0 + y[2][1] * r1 + (y[2][2] * r2 + y[2][3] * r3)
+        c, cx, cxx = c + x[0][a] * e, cx + x[1][a] * e, cxx + x[2][a] * e
+        cy, cxy, cyy = cy + x[0][a] * ey, cxy + x[1][a] * ey, cyy + x[0][a] * eyy
     h, square = fineness, fineness * fineness
-    found[0, at], found[1, at], found[2, at], found[3, at] = d, dx * h, dy * h, dz * h
-    found[4, at], found[5, at], found[6, at] = xx * square, yy * square, zz * square
-    found[7, at], found[8, at], found[9, at] = xy * square, xz * square, yz * square
+    found[0, at], found[1, at] = weighted(c, z[0]), weighted(cx, z[0]) * h
+    found[2, at], found[3, at] = weighted(cy, z[0]) * h, weighted(c, z[1]) * h
+    found[4, at], found[5, at] = weighted(cxx, z[0]) * square, weighted(cyy, z[0]) * square
+    found[6, at], found[7, at] = weighted(c, z[2]) * square, weighted(cxy, z[0]) * square
+    found[8, at], found[9, at] = weighted(cx, z[1]) * square, weighted(cy, z[1]) * square
 
 
 @piece(void, CABLE, int64, terms=MESHED)
 def look_up(cable, o):
-    """Signed distance [m], gradient (3) and second derivatives xx, yy, zz, xy, xz, yz [1/m] at the
-    places in the rows 0 to 2 of `work.looked`, in its rows 0 to 9; a lower bound beyond the reach.
+    """Replace in `work.looked`, on the lanes of samples that may touch, what is that of the box by
+    that of the mesh: distance [m], gradient (3), second derivatives xx, yy, zz, xy, xz, yz [1/m] in
+    rows 0 to 9; beyond the reach a lower bound. Rows 10 to 12 have the places.
     """
     contact, found = cable.contact, cable.work.looked
     numbers, shape, field = contact.field[o], contact.field_shape[o], contact.field_values
+    fineness, across, along = numbers[FINENESS], shape[1] * shape[2], shape[2]
+    near, half = contact.reach[o] + ROUGH / fineness, 0.5 * fineness
     for at in range(LANES):
-        y0, y1, y2 = found[0, at], found[1, at], found[2, at]
+        if not found[0, at] < near:
+            continue
         place = (
-            (y0 - numbers[ORIGIN]) * numbers[FINENESS],
-            (y1 - numbers[ORIGIN + 1]) * numbers[FINENESS],
-            (y2 - numbers[ORIGIN + 2]) * numbers[FINENESS],
+            (found[10, at] - numbers[ORIGIN]) * fineness,
+            (found[11, at] - numbers[ORIGIN + 1]) * fineness,
+            (found[12, at] - numbers[ORIGIN + 2]) * fineness,
         )
-        inside = 1.0 <= place[0] < shape[0] - 2 and 1.0 <= place[1] < shape[1] - 2
-        if inside and 1.0 <= place[2] < shape[2] - 2:
-            i, j, k = int(place[0] + 0.5), int(place[1] + 0.5), int(place[2] + 0.5)
-            across, fineness = shape[1] * shape[2], numbers[FINENESS]
-            first = shape[3] + i * across + j * shape[2] + k
-            bound = field[first] - ROUGH / fineness
-            if bound > contact.reach[o]:
-                set_rough(found, field, at, first, shape[2], across, bound)
-            else:
-                set_inside(found, field, shape[3], shape, at, fineness, place)
+        i, j, k = int(place[0] + 0.5), int(place[1] + 0.5), int(place[2] + 0.5)
+        first = shape[3] + i * across + j * along + k
+        if field[first] > near:
+            found[0, at] = field[first] - ROUGH / fineness
+            found[1, at] = half * (field[first + across] - field[first - across])
+            found[2, at] = half * (field[first + along] - field[first - along])
+            found[3, at] = half * (field[first + 1] - field[first - 1])
         else:
-            set_outside(found, numbers, at, y0, y1, y2)
+            set_inside(found, field, shape[3], shape, at, fineness, place)
+
+
+@part
+def beyond(y, low, high):
+    """By how much y is beyond an interval, with its sign."""
+    below, above = y - low, y - high
+    return where(-below, below, where(above, above, 0.0))
 
 
 @part
 def field_distance(cable, o, y):
-    """`contact.distance` of a mesh: with a distance of 1 m from the centre of curvature."""
-    found = cable.work.looked
-    store(found, 0, 0, y[0])
-    store(found, 1, 0, y[1])
-    store(found, 2, 0, y[2])
-    look_up(cable, o)
-    n = load(found, 1, 0), load(found, 2, 0), load(found, 3, 0)
-    bend = (
-        load(found, 4, 0) + n[0] * n[0],
-        load(found, 5, 0) + n[1] * n[1],
-        load(found, 6, 0) + n[2] * n[2],
-        load(found, 7, 0) + n[0] * n[1],
-        load(found, 8, 0) + n[0] * n[2],
-        load(found, 9, 0) + n[1] * n[2],
-    )
-    return load(found, 0, 0), n, zero() + 1.0, bend
+    """`contact.distance` of a mesh: with a distance of 1 m from the centre of curvature. For
+    samples that cannot touch it is a lower bound: far from the mesh that from the box around it.
+    """
+    numbers, found = cable.contact.field[o], cable.work.looked
+    a = beyond(y[0], numbers[LOW], numbers[HIGH])
+    b = beyond(y[1], numbers[LOW + 1], numbers[HIGH + 1])
+    c = beyond(y[2], numbers[LOW + 2], numbers[HIGH + 2])
+    far, none = sqrt(a * a + b * b + c * c), zero()
+    inverse = 1.0 / (far + TINY)
+    d, n = far, (a * inverse, b * inverse, c * inverse)
+    bend = none, none, none, none, none, none
+    if any_above(cable.contact.reach[o] + ROUGH / numbers[FINENESS] - far):
+        store(found, 0, 0, d)
+        store(found, 1, 0, n[0])
+        store(found, 2, 0, n[1])
+        store(found, 3, 0, n[2])
+        for row in range(4, 10):
+            store(found, row, 0, 0.0)
+        store(found, 10, 0, y[0])
+        store(found, 11, 0, y[1])
+        store(found, 12, 0, y[2])
+        look_up(cable, o)
+        d, n = load(found, 0, 0), (load(found, 1, 0), load(found, 2, 0), load(found, 3, 0))
+        bend = (
+            load(found, 4, 0) + n[0] * n[0],
+            load(found, 5, 0) + n[1] * n[1],
+            load(found, 6, 0) + n[2] * n[2],
+            load(found, 7, 0) + n[0] * n[1],
+            load(found, 8, 0) + n[0] * n[2],
+            load(found, 9, 0) + n[1] * n[2],
+        )
+    return d, n, none + 1.0, bend

@@ -96,6 +96,15 @@ def test_a_box_that_comes_pushes_the_cable_aside():
     assert sim.energy_error < 1e-4
 
 
+def test_one_that_grows_where_it_is_is_as_close_as_a_new_one():
+    """Distances that are kept from step to step are those of the obstacle before."""
+    sim = lying()
+    for thick in (0.02, 0.03, 0.02):
+        box = Obstacle("box", "box", (0.4, 0.4, thick), (0.15, 0.0, -0.02))
+        sim.replace_added((box,))
+        assert sim.contact("box").clearance == pytest.approx(0.02 - 0.5 * thick - 0.003, abs=1e-9)
+
+
 @pytest.mark.parametrize(
     ("obstacle", "problem"),
     [
