@@ -45,6 +45,7 @@ MESHED = 1 << 24  # obstacles may be triangle meshes
 SLIDING = 1 << 25  # grasps may let the cable slide
 PRESSURE = 1 << 26  # in the bore of a hose
 SELF = 1 << 27  # the cable touches itself (`engine.self_contact`)
+ROLLING = 1 << 28  # friction also turns the cable about its axis (`engine.rolling`)
 
 # Of the terms that `scene.description.TERMS` and `scene.needs` know by a name.
 BITS = {
@@ -69,6 +70,8 @@ CONSTRAINED, IMPLICIT = 1 << 22, 1 << 23
 ENERGIES = ("stretch", "bend", "twist", "torsion", "plasticity", "gravity", "spring", "contact")
 STRETCHING, BENDING, TWISTING, TORSIONAL, PLASTIC, WEIGHT, SPRING, TOUCHING = range(8)
 
+# Where the factors of the last Newton matrix are: in `state.matrix`, or elsewhere for one step.
+IN_STATE, IN_SKYLINE, IN_ROLLING_BAND = range(3)
 OK, DIVERGED, NOT_CONVERGED, PASSED = 0, 1, 2, 3  # outcome of an advance
 
 
@@ -185,6 +188,7 @@ class Contact(Group):
     pieces = Whole()  # groups of a span that touch bodies
     first = Wholes("groups")  # column of the first control point, of the first lane
     basis = Lanes("groups", 4)  # basis functions
+    slope = Lanes("groups", 4)  # their derivatives by the local coordinate
     weight = Lanes("groups")  # [m], 0 where there is no sample
     pairs = Lanes("fine_groups", groups.LANES, 2)  # products of two, in order, of each sample
     core = Wholes("obstacles")  # HALF_SPACE, BOX, CYLINDER, TUBE or MESH
@@ -197,7 +201,8 @@ class Contact(Group):
     field_shape = Wholes("obstacles", 4)  # points of its grid by axis, first of its values
     field_values = Reals("field_values")  # coefficients of the splines of all meshes [m]
     still = Reals(3)  # centre of the lines: the constant coordinate of planar motion [m]
-    density = Number()  # mass per length [kg/m]
+    density = Number()  # mass per length that a kick of friction moves [kg/m]
+    radius = Number()  # of the cable [m]
     least_margin = Number()  # of the broad phase [m]
 
 
@@ -318,7 +323,7 @@ class Work(Group):
         "forces_known",  # 1 while `force` is that of the present state, for explicit methods
         "matrix_known",  # 1 while the factors of `methods.rattle` are those of the present one
         "power",  # of the grasps at the present state [W] (`methods.runge_kutta`)
-        "coupled",  # 1 while the factors of the step are in `skyline`
+        "coupled",  # where the factors of the step are: IN_STATE, IN_SKYLINE or IN_ROLLING_BAND
         "pair_loss",  # of the last `self_contact.add_force` [J]
         "pair_work",  # of the diameter that grows back, likewise [J]
         "pairs_beyond",  # for which there is no room in this step
@@ -368,6 +373,9 @@ class Work(Group):
     contact_sums = Reals(90, groups.LANES)  # derivatives between the control points of a span
     contact_values = Reals(9, groups.LANES)  # derivatives of the forces on samples
     pair_sums = Reals(9, 2 * groups.LANES)
+    rolling = Lanes("rolling_obstacles", "groups", 13)  # `contact.FREE` to BY_PLACE
+    rolling_band = Reals("rolling_unknowns", 32)  # factors with the twist (`engine.rolling`)
+    rolling_side = Reals("rolling_padded")
     # contact of the cable with itself (`engine.self_contact`)
     near_room = Reals("near_pairs")  # by which two spans may move towards each other in a step [m]
     fresh_pair = Reals(4, "pairs")

@@ -30,7 +30,17 @@ from numba import boolean, float64, int64, void
 from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES, lane
 from dlo_sim.compiling.pieces import NO, YES, part, piece
-from dlo_sim.engine.arrays import BORDERED, CABLE, LINES, MARGIN, PADDING, VECTOR
+from dlo_sim.engine.arrays import (
+    BORDERED,
+    CABLE,
+    IN_ROLLING_BAND,
+    IN_SKYLINE,
+    LINES,
+    MARGIN,
+    PADDING,
+    ROLLING,
+    VECTOR,
+)
 from dlo_sim.engine.skyline import substitute_skyline
 from dlo_sim.terms.vectors import cross
 
@@ -314,13 +324,31 @@ def substitute_eight(band, size, dim, sides):
         sides[r] = value * band[r, half]
 
 
+@piece(void, CABLE, VECTOR, terms=ROLLING)
+def substitute_rolling(cable, x):
+    """`substitute` with the factors in `work.rolling_band`, in which the twist is the last of four
+    unknowns of a control point, with a right-hand side of zero.
+    """
+    side = cable.work.rolling_side
+    for i in range(cable.n):
+        for d in range(3):
+            side[PADDING + 4 * i + d] = x[PADDING + 3 * i + d]
+        side[PADDING + 4 * i + 3] = 0.0
+    substitute(cable.work.rolling_band, 4 * cable.n, 4, side)
+    for i in range(cable.n):
+        for d in range(3):
+            x[PADDING + 3 * i + d] = side[PADDING + 4 * i + d]
+
+
 @part
 def solve(cable, band, x):
     """`substitute` with the factors of the last Newton matrix of a step, in `band` or, where the
-    cable presses on itself, in the skyline.
+    cable presses on itself, in the skyline, or, where it rolls, in `work.rolling_band`.
     """
-    if cable.work.results.coupled:
+    if cable.work.results.coupled == IN_SKYLINE:
         substitute_skyline(cable, cable.n * cable.dim, x)
+    elif cable.work.results.coupled == IN_ROLLING_BAND:
+        substitute_rolling(cable, x)
     else:
         substitute(band, cable.n * cable.dim, cable.dim, x)
 

@@ -29,6 +29,12 @@ F.(r1 - r0) - (p n + f).dy, and the loss is
     - f.(P z0 + P dy - z1);
 no part of it is negative.
 
+**Rolling.** A cable that twists in space also turns about its axis by an angle phi relative to the
+obstacle, which moves its surface, a radius a off the axis, by - phi l, l = a t x n / (|t| |n|) with
+the tangent t. Friction then sees dy - phi l in place of dy, and turns the cable about its axis by
+the moment - l.f per length (`engine.rolling`). Without that, friction acts on the axis. The moment
+of friction along the cable, which bends it, is left out.
+
 Implicit steps take all of this as one force. Explicit steps have the elastic pressure in their
 forces and the rest, friction and damping, as a kick at the end of a step (`dissipate`).
 
@@ -55,6 +61,7 @@ from dlo_sim.engine.arrays import (
     CONTACT,
     LINES,
     MARGIN,
+    ROLLING,
     TOUCHING,
     VECTOR,
     cable_at,
@@ -64,7 +71,7 @@ from dlo_sim.engine.grasps import POSITION, component, elapsed, moves, turned
 from dlo_sim.engine.lines import add, clear, copy, kinetic, solve_mass
 from dlo_sim.engine.rows import project
 from dlo_sim.terms.one_sided import depth
-from dlo_sim.terms.vectors import combined, dot
+from dlo_sim.terms.vectors import combined, cross, dot
 
 HALF_SPACE, BOX, CYLINDER, TUBE, MESH = range(5)  # kinds of cores
 START, MIDDLE, END = 0, 12, 24  # entries of a pose: R by rows (9), c (3)
@@ -75,6 +82,9 @@ UNKNOWN, KNOWN, OF_STEP = 0.0, 1.0, 2.0  # whether that is of the obstacles, and
 POINT, PLACE, DISTANCE, NORMAL, FAR, BEND = 0, 3, 6, 7, 10, 11
 # Entries of the law of an obstacle, per length of cable: k, c, k_t, c_t, mu.
 STIFFNESS, DAMPING, BRISTLE, BRISTLE_DAMPING, FRICTION = range(5)
+# Entries of `work.rolling` of a sample: T without the spin in this step (3), l (3), mu p; the
+# derivatives of the force by the spin (3) and of the moment by the place (3).
+FREE, LEVER, LIMIT, BY_SPIN, BY_PLACE = 0, 3, 6, 7, 10
 
 TINY = 1e-30
 SMOOTH = 1e-18  # [m^2], of a motion of 1e-9 m, below which n needs no directional part
@@ -210,14 +220,19 @@ def pose_way(cable, o):
 
 
 @part
+def turned_back(pose, at, v):
+    """R^T v."""
+    return (
+        pose[at] * v[0] + pose[at + 3] * v[1] + pose[at + 6] * v[2],
+        pose[at + 1] * v[0] + pose[at + 4] * v[1] + pose[at + 7] * v[2],
+        pose[at + 2] * v[0] + pose[at + 5] * v[1] + pose[at + 8] * v[2],
+    )
+
+
+@part
 def to_body(pose, at, r):
     """R^T (r - c)."""
-    a, b, c = r[0] - pose[at + 9], r[1] - pose[at + 10], r[2] - pose[at + 11]
-    return (
-        pose[at] * a + pose[at + 3] * b + pose[at + 6] * c,
-        pose[at + 1] * a + pose[at + 4] * b + pose[at + 7] * c,
-        pose[at + 2] * a + pose[at + 5] * b + pose[at + 8] * c,
-    )
+    return turned_back(pose, at, (r[0] - pose[at + 9], r[1] - pose[at + 10], r[2] - pose[at + 11]))
 
 
 @part
@@ -338,8 +353,13 @@ def distance(cable, o, y):
 @part
 def sample_at(cable, x, g):
     """Points of the curve at the samples of a group."""
-    e, at = cable.contact.basis[g], cable.contact.first[g]
-    c = zero()
+    return weighted(cable, x, g, cable.contact.basis[g])
+
+
+@part
+def weighted(cable, x, g, e):
+    """Sums of the control points of the spans of a group with weights e (4)."""
+    at, c = cable.contact.first[g], zero()
     if g < cable.contact.coarse:
         a = e[0] * load(x, 0, at) + e[1] * load(x, 0, at + 1)
         a += e[2] * load(x, 0, at + 2) + e[3] * load(x, 0, at + 3)
@@ -422,6 +442,17 @@ def push_samples(cable, g, f, out):
 
 
 @part
+def push_line(cable, g, line, f, out):
+    """out += one line of the forces on the samples of a group."""
+    e, at = cable.contact.basis[g], cable.contact.first[g]
+    for k in range(4):
+        if g < cable.contact.coarse:
+            store(out, line, at + k, load(out, line, at + k) + e[k] * f)
+        else:
+            out[line, at + k] += lane_sum(e[k] * f)
+
+
+@part
 def vector_of(z):
     """Three entries of lanes."""
     return z[0], z[1], z[2]
@@ -435,6 +466,50 @@ def drop(cable, o, g):
     ends[1] = zero()
     ends[2] = zero()
     return dot(z, z)
+
+
+@part
+def spin(cable, g, x0, x1):
+    """By which angles the cable turns about its axis from x0 to x1 at the samples of a group, in
+    the frame that follows its tangent by the smallest rotation.
+    """
+    e, at, line, angle = cable.contact.basis[g], cable.contact.first[g], cable.dim, zero()
+    for k in range(4):
+        if g < cable.contact.coarse:
+            angle += e[k] * (load(x1, line, at + k) - load(x0, line, at + k))
+        else:
+            angle += e[k] * (x1[line, at + k] - x0[line, at + k])
+    return angle
+
+
+@part
+def obstacle_turn(pose):
+    """Rotation of an obstacle in the step, to second order, as a vector in its frame."""
+    turn = zero(), zero(), zero()
+    for d in range(3):
+        a0, a1, a2 = pose[START + 3 * d], pose[START + 3 * d + 1], pose[START + 3 * d + 2]
+        b0, b1, b2 = pose[END + 3 * d], pose[END + 3 * d + 1], pose[END + 3 * d + 2]
+        turn = (
+            turn[0] + 0.5 * (b1 * a2 - b2 * a1),
+            turn[1] + 0.5 * (b2 * a0 - b0 * a2),
+            turn[2] + 0.5 * (b0 * a1 - b1 * a0),
+        )
+    return turn
+
+
+@part
+def rolled(cable, o, g, x0, x1, n):
+    """The angle phi by which the cable turns about its axis relative to an obstacle, and the lever
+    l (`engine.contact`), at the mean tangent of the step.
+    """
+    pose, slope = cable.state.pose[o], cable.contact.slope[g]
+    t0 = turned_back(pose, START, weighted(cable, x0, g, slope))
+    t1 = turned_back(pose, END, weighted(cable, x1, g, slope))
+    t = combined(1.0, t0, 1.0, t1)
+    inverse = 1.0 / (sqrt(dot(t, t)) + TINY)
+    size = cable.contact.radius * inverse / (sqrt(dot(n, n)) + TINY)
+    phi = spin(cable, g, x0, x1) - inverse * dot(obstacle_turn(pose), t)
+    return phi, scaled(size, cross(t, n))
 
 
 # -- the law of one sample -----------------------------------------------------------------------
@@ -492,6 +567,15 @@ def pressure(cable, o, rate, here, there, dy):
 
 
 @part
+def keep_for_twist(cable, o, g, free, lever, limit):
+    """Let the friction of the samples of a group wait for the twist (`engine.rolling`)."""
+    kept = cable.work.rolling[o, g]
+    kept[FREE], kept[FREE + 1], kept[FREE + 2] = free
+    kept[LEVER], kept[LEVER + 1], kept[LEVER + 2] = lever
+    kept[LIMIT] = limit
+
+
+@part
 def along(n, inverse, v):
     """P v = v - n (n . v) / |n|^2; `inverse`: 1 / |n|^2."""
     return combined(1.0, v, -dot(n, v) * inverse, n)
@@ -515,15 +599,16 @@ def friction(law, stiff, n, dy, z, p):
 
 @piece(
     *((float64, float64, float64, boolean, float64), CABLE, float64, float64, float64),
-    *(boolean, LINES, LINES, LINES),
+    *(boolean, boolean, LINES, LINES, LINES),
     terms=CONTACT,
 )
-def add_force(cable, springs, rate, most, rubs, x0, x1, out):
+def add_force(cable, springs, rate, most, rubs, waits, x0, x1, out):
     """out += contact force of a step from x0 to x1; the bristles at its end go to `work.trial`.
 
     Args:
         springs: factor of the elastic pressure, 1 or 0. rate: 1 / tau, 0 for the elastic pressure
-            alone. most: bound of k_t + c_t / tau. rubs: whether there is friction.
+            alone. most: bound of k_t + c_t / tau. rubs: whether there is friction. waits: whether
+            friction waits in `work.rolling` until the twist is known.
 
     Returns:
         Work of the obstacles [J], energy put into the bristles [J], loss [J], whether no sample may
@@ -547,6 +632,8 @@ def add_force(cable, springs, rate, most, rubs, x0, x1, out):
             dy = combined(1.0, three(after, PLACE), -1.0, three(before, PLACE))
             here, there, w = measured(before), measured(after), contact.weight[g]
             if misses(contact, o, here, there, dy):
+                if rubbed and waits:
+                    work.rolling[o, g, LIMIT] = zero()
                 if rubbed:
                     stored = 0.5 * stiff[0] * w * drop(cable, o, g)
                     lost += stored
@@ -561,8 +648,22 @@ def add_force(cable, springs, rate, most, rubs, x0, x1, out):
             f = scaled(pressed, n)
             if rubbed:
                 z = vector_of(state.bristle[o, g])
-                trial, share, _, held, slip, _ = friction(law, stiff, n, dy, z, p)
-                f = combined(1.0, f, -share, trial)
+                seen = dy
+                if cable.terms & ROLLING:
+                    phi, lever = rolled(cable, o, g, x0, x1, n)
+                    seen = combined(1.0, dy, -phi, lever)
+                trial, share, _, held, slip, _ = friction(law, stiff, n, seen, z, p)
+                if not waits:
+                    f = combined(1.0, f, -share, trial)
+                if cable.terms & ROLLING:
+                    own = spin(cable, g, x0, x1)
+                    moment = share * dot(lever, trial)
+                    worked += w * moment * (own - phi)
+                    if waits:
+                        free = combined(1.0, trial, own * stiff[1], lever)
+                        keep_for_twist(cable, o, g, free, lever, law[FRICTION] * p)
+                    else:
+                        push_line(cable, g, cable.dim, w * moment, out)
                 z1 = scaled(1.0 / stiff[1], combined(rates, held, share, trial))
                 z1 = where(p, z1[0], 0.0), where(p, z1[1], 0.0), where(p, z1[2], 0.0)
                 change = combined(1.0, z1, -1.0, held)
@@ -585,7 +686,7 @@ def add_force(cable, springs, rate, most, rubs, x0, x1, out):
 @part
 def add_elastic_force(cable, x, out):
     """out += elastic pressure at one configuration."""
-    add_force(cable, 1.0, 0.0, 0.0, NO, x, x, out)
+    add_force(cable, 1.0, 0.0, 0.0, NO, NO, x, x, out)
 
 
 @piece(void, CABLE, LINES, VECTOR, terms=CONTACT)
@@ -606,8 +707,8 @@ def energy(cable, x, out):
 
 
 @part
-def by_motion(law, stiff, there, found, dy, z, rubbed):
-    """Minus d (p n + f) / d y1, by lines, from a `distance` and a `pressure`."""
+def pressed_by_motion(there, found):
+    """Minus d (p n) / d y1, by lines, from a `distance` and a `pressure`."""
     n1, bend = there[1], there[3]
     _, n, _, p, slope, both, _, _ = found
     turn = -p / both
@@ -617,33 +718,53 @@ def by_motion(law, stiff, there, found, dy, z, rubbed):
         combined(push[1], n1, aside[1], n1),
         combined(push[2], n1, aside[2], n1),
     )
-    h = (
+    return (
         (h[0][0] + turn * bend[0], h[0][1] + turn * bend[3], h[0][2] + turn * bend[4]),
         (h[1][0] + turn * bend[3], h[1][1] + turn * bend[1], h[1][2] + turn * bend[5]),
         (h[2][0] + turn * bend[4], h[2][1] + turn * bend[5], h[2][2] + turn * bend[2]),
     )
-    if rubbed:
-        trial, share, far, _, _, inverse = friction(law, stiff, n, dy, z, p)
-        slides = where(share - 1.0 + 1e-15, 0.0, 1.0) * where(p, 1.0, 0.0)
-        way = scaled(1.0 / far, trial)
-        hold, lean = share * stiff[1], law[FRICTION] * slides * slope
-        gone, flat = hold * slides, hold * inverse
-        h = (
-            combined(1.0, h[0], 1.0, combined(lean * way[0], n1, -flat * n[0], n)),
-            combined(1.0, h[1], 1.0, combined(lean * way[1], n1, -flat * n[1], n)),
-            combined(1.0, h[2], 1.0, combined(lean * way[2], n1, -flat * n[2], n)),
-        )
-        h = (
-            combined(1.0, h[0], -gone * way[0], way),
-            combined(1.0, h[1], -gone * way[1], way),
-            combined(1.0, h[2], -gone * way[2], way),
-        )
-        h = (
-            (h[0][0] + hold, h[0][1], h[0][2]),
-            (h[1][0], h[1][1] + hold, h[1][2]),
-            (h[2][0], h[2][1], h[2][2] + hold),
-        )
-    return h
+
+
+@part
+def rubbed_by_motion(law, stiff, there, found, seen, z):
+    """Minus d f / d y1, by lines, for the way that friction sees; and of the derivative by that
+    way the part that holds, that which is gone where the sample slides, and the direction of T.
+    """
+    n1 = there[1]
+    _, n, _, p, slope, _, _, _ = found
+    trial, share, far, _, _, inverse = friction(law, stiff, n, seen, z, p)
+    slides = where(share - 1.0 + 1e-15, 0.0, 1.0) * where(p, 1.0, 0.0)
+    ahead = scaled(1.0 / far, trial)
+    hold, lean = share * stiff[1], law[FRICTION] * slides * slope
+    gone, flat = hold * slides, hold * inverse
+    h = (
+        combined(lean * ahead[0], n1, -flat * n[0], n),
+        combined(lean * ahead[1], n1, -flat * n[1], n),
+        combined(lean * ahead[2], n1, -flat * n[2], n),
+    )
+    h = (
+        combined(1.0, h[0], -gone * ahead[0], ahead),
+        combined(1.0, h[1], -gone * ahead[1], ahead),
+        combined(1.0, h[2], -gone * ahead[2], ahead),
+    )
+    h = (
+        (h[0][0] + hold, h[0][1], h[0][2]),
+        (h[1][0], h[1][1] + hold, h[1][2]),
+        (h[2][0], h[2][1], h[2][2] + hold),
+    )
+    return h, hold, gone, ahead
+
+
+@part
+def keep_for_matrix(cable, o, g, lever, h, hold, gone, ahead):
+    """Derivatives of the forces and moments of rolling samples, for `rolling.couple`."""
+    kept, pose = cable.work.rolling[o, g], cable.state.pose[o]
+    along_lever = combined(hold, lever, -gone * dot(ahead, lever), ahead)
+    by_spin = to_lines(pose, MIDDLE, along_lever)
+    by_place = combined(lever[0], h[0], lever[1], h[1])
+    by_place = to_lines(pose, END, combined(1.0, by_place, lever[2], h[2]))
+    kept[BY_SPIN], kept[BY_SPIN + 1], kept[BY_SPIN + 2] = by_spin
+    kept[BY_PLACE], kept[BY_PLACE + 1], kept[BY_PLACE + 2] = by_place
 
 
 @piece(
@@ -671,8 +792,21 @@ def add_tangent(cable, rate, rubs, x0, x1, scale, band):
             found = pressure(cable, o, rate, here, there, dy)
             if lane_sum(found[3]) == 0.0:
                 continue
-            z = vector_of(state.bristle[o, g])
-            h = by_motion(law, stiff, there, found, dy, z, rubbed)
+            h = pressed_by_motion(there, found)
+            if rubbed:
+                seen, lever = dy, dy
+                if cable.terms & ROLLING:
+                    phi, lever = rolled(cable, o, g, x0, x1, found[1])
+                    seen = combined(1.0, dy, -phi, lever)
+                z = vector_of(state.bristle[o, g])
+                rub, hold, gone, ahead = rubbed_by_motion(law, stiff, there, found, seen, z)
+                h = (
+                    combined(1.0, h[0], 1.0, rub[0]),
+                    combined(1.0, h[1], 1.0, rub[1]),
+                    combined(1.0, h[2], 1.0, rub[2]),
+                )
+                if cable.terms & ROLLING:
+                    keep_for_matrix(cable, o, g, lever, rub, hold, gone, ahead)
             # R_middle h R_end^T
             c0, c1, c2 = (
                 to_lines(pose, END, h[0]),
@@ -907,7 +1041,7 @@ def accept(cable, tau, x0, x1, change, spare):
     if balance.contact_way > balance.contact_margin:
         balance.contact_margin = 0.0
         return False
-    worked, _, lost, sane, deep = add_force(cable, 1.0, 1.0 / tau, np.inf, YES, x0, x1, spare)
+    worked, _, lost, sane, deep = add_force(cable, 1.0, 1.0 / tau, np.inf, YES, NO, x0, x1, spare)
     if not sane:
         return False
     balance.contact_deep += deep
@@ -973,7 +1107,7 @@ def dissipate(cable, tau):
     x0, x1, w, out = cable.work.start, cable.state.x, cable.state.w, cable.work.change
     clear(out)
     most = KICK * cable.contact.density / (tau * tau)
-    worked, kept, _, sane, deep = add_force(cable, 0.0, 1.0 / tau, most, YES, x0, x1, out)
+    worked, kept, _, sane, deep = add_force(cable, 0.0, 1.0 / tau, most, YES, NO, x0, x1, out)
     before = kinetic(cable, w)
     solve_mass(cable, out)
     if cable.rows.count:

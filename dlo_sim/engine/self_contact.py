@@ -46,7 +46,7 @@ from numba import boolean, float64, int64, void
 from dlo_sim.compiling.groups import grid, load, store
 from dlo_sim.compiling.lanes import LANES, fabs, lane, lane_sum, sqrt, where, zero
 from dlo_sim.compiling.pieces import ARRAY_2D, NO, YES, part, piece
-from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, SELF, TOUCHING, VECTOR, cable_at
+from dlo_sim.engine.arrays import CABLE, IN_SKYLINE, LINES, MARGIN, SELF, TOUCHING, VECTOR, cable_at
 from dlo_sim.engine.band import clear_held, turn_vector
 from dlo_sim.engine.contact import (
     BRISTLE,
@@ -462,14 +462,13 @@ def fill_side(cable, directions, p, a, b, s, t, first):
 @piece(void, CABLE, LINES, LINES, LINES, terms=SELF)
 def couple(cable, pushed, kept, band):
     """If segments press on each other and there is room, make `work.skyline` the band matrix minus
-    the Jacobian of the last `add_force`, and `work.results.coupled` 1, else 0.
+    the Jacobian of the last `add_force`, and `work.results.coupled` IN_SKYLINE.
 
     The motion of s, t and c with the configuration is left out. `pushed`, `kept`: directions of the
     constraint rows on the left and on the right, as of `band.hold`.
     """
     work, law = cable.work, cable.work.pair_law
     count, pressing = int(cable.state.balance.pairs), 0
-    work.results.coupled = 0.0
     begin_skyline(cable)
     for p in range(count):
         if law[PUSH, p] != 0.0 or law[HOLD, p] != 0.0:
@@ -483,7 +482,7 @@ def couple(cable, pushed, kept, band):
     for p in range(count):
         if law[PUSH, p] != 0.0 or law[HOLD, p] != 0.0:
             add_pair(cable, pushed, kept, p)
-    work.results.coupled = 1.0
+    work.results.coupled = IN_SKYLINE
 
 
 @part

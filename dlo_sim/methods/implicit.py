@@ -39,10 +39,14 @@ from dlo_sim.engine.arrays import (
     CONTACT,
     DAMPED,
     IMPLICIT,
+    IN_ROLLING_BAND,
+    IN_SKYLINE,
+    IN_STATE,
     MARGIN,
     METHOD,
     MOST_CORRECTIONS,
     PADDING,
+    ROLLING,
     SELF,
     SLIDING,
     STATIC_TWIST,
@@ -75,6 +79,7 @@ from dlo_sim.engine.band import (
 )
 from dlo_sim.engine.lines import add, add_product, clear, copy, damping_of, difference, inner
 from dlo_sim.engine.loads import add_load_stiffness, load_force
+from dlo_sim.engine.rolling import eliminate_rolling, rolls
 from dlo_sim.engine.rows import (
     add_shifts,
     add_velocity_of_held,
@@ -107,7 +112,7 @@ from dlo_sim.engine.springs import (
     roll_loss,
     spring_force,
 )
-from dlo_sim.methods.twist_step import end_twist, step_twist
+from dlo_sim.methods.twist_step import end_twist, step_twist, twist_matrix
 
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_HALVINGS = 12
@@ -290,7 +295,9 @@ def step_force(cable, t0, tau, discrete):
     begin, end = (work.start, cable.state.x) if discrete else (middle, middle)
     lost = discrete_gradient(cable, begin, end, change, viscous, force)
     if cable.terms & CONTACT:
-        contact.add_force(cable, 1.0, 1.0 / tau, np.inf, YES, work.start, cable.state.x, force)
+        waits = cable.terms & ROLLING != 0
+        start, x = work.start, cable.state.x
+        contact.add_force(cable, 1.0, 1.0 / tau, np.inf, YES, waits, start, x, force)
     if cable.terms & SELF:
         self_contact.add_force(cable, 1.0, 1.0 / tau, np.inf, YES, cable.state.x, force)
     spring_force(cable, middle, 0.5, NO, force)
@@ -338,13 +345,19 @@ def set_residual(cable, a, b):
 
 
 @part
-def factorize(cable, matrix):
-    """LU factors of the band matrix, with the couplings where the cable presses on itself; returns
-    whether they exist.
+def factorize(cable, tau, discrete, matrix):
+    """LU factors of the band matrix, with the couplings where the cable presses on itself or
+    rolls; returns whether they exist.
     """
-    self_contact.couple(cable, cable.work.middle_direction, cable.state.direction, matrix)
-    if cable.work.results.coupled:
+    results, pushed, kept = cable.work.results, cable.work.middle_direction, cable.state.direction
+    results.coupled = IN_STATE
+    self_contact.couple(cable, pushed, kept, matrix)
+    if results.coupled == IN_SKYLINE:
         return eliminate_skyline(cable)
+    if rolls(cable):
+        results.coupled = IN_ROLLING_BAND
+        twist_matrix(cable, tau, discrete)
+        return eliminate_rolling(cable, pushed, kept, matrix)
     return eliminate(matrix, cable.n * cable.dim, cable.dim)
 
 
@@ -375,11 +388,11 @@ def newton_matrix(cable, t0, tau, a, discrete):
     hold(cable, work.middle_direction, state.direction, matrix)
     stiffen_border(cable, matrix)
     state.balance.matrix_weight = 0.0
-    if not factorize(cable, matrix):
+    if not factorize(cable, tau, discrete, matrix):
         return False
     solve_border(cable, matrix, 0.5)
-    # The skyline is in working memory, so its matrix is lost after the step.
-    state.balance.matrix_weight = 0.0 if work.results.coupled else a
+    # Other factors are in working memory, and so lost after the step.
+    state.balance.matrix_weight = a if work.results.coupled == IN_STATE else 0.0
     return True
 
 
@@ -710,7 +723,7 @@ def try_step(cable, method, t0, tau, whole, level):
     iterations = 0
     previous = np.inf
     linearize = not may_keep(cable, a)
-    work.results.coupled = 0.0
+    work.results.coupled = IN_STATE
     made = 0  # iteration in which the matrix was factorised, 0: in an earlier step
     slope = 0.0  # |residual . correction| before the last correction
     share = 1.0  # of the last correction that x contains

@@ -12,6 +12,7 @@ coupled: `step_twist` solves for the twist at every iterate of the shape and so 
 
 from __future__ import annotations
 
+import numpy as np
 from numba import boolean, float64
 
 from dlo_sim.compiling.pieces import NO, YES, part, piece
@@ -22,6 +23,7 @@ from dlo_sim.engine.arrays import (
     LINES,
     MARGIN,
     MATERIAL,
+    ROLLING,
     STATIC_TWIST,
     TWISTED,
 )
@@ -29,6 +31,9 @@ from dlo_sim.engine.bishop import push_by_twist, turn_by_shape
 from dlo_sim.engine.lines import add_differences, add_product, clear, difference_form, form, mass_of
 from dlo_sim.engine.loads import load_force
 from dlo_sim.engine.natural_curvature import add_natural_stiffness, natural_force
+from dlo_sim.engine.rolling import add_moments as add_rolling_moments
+from dlo_sim.engine.rolling import add_stiffness as add_rolling_stiffness
+from dlo_sim.engine.rolling import push_rolling
 from dlo_sim.engine.rows import row_value
 from dlo_sim.engine.springs import add_roll_change, add_roll_stiffness, roll_loss, spring_force
 
@@ -37,6 +42,8 @@ MOST_NEWTON = 8  # Newton corrections with natural curvature in the material fra
 # Corrections, which converge quadratically, end below SETTLED relative to 1 rad plus the angle, or
 # below SHRUNK times the first one: while the shape changes the twist need not be exact.
 SETTLED, SHRUNK = 1e-4, 0.1
+# With friction that rolls the cable, which sticks or slides, Newton's corrections may overshoot.
+MOST_ROLLING, ROLLED, OVERSHOT = 40, 1e-9, 0.5
 WITHIN = float64, CABLE, float64, float64, boolean, boolean
 END = float64, CABLE, float64, float64
 
@@ -55,15 +62,11 @@ def damping_share(cable, tau):
 
 @part
 def make_matrix(cable, begin, end, tau, beta):
-    """`work.twist_matrix` = LDL^T factors of the matrix 2 / tau^2 M + (1/2 + beta) K + C / tau with
-    the stiffness of roll springs and of natural curvature, `beta` per step.
-
-    Diagonal k below the main one is at first `matrix[k]`: entry (i + k, i) is at [k, i]. Then 1 / D
-    replaces diagonal 0, and rows 4, 5, 6 get the three diagonals of L below the main one. The
-    inverse pivots of prescribed unknowns are 0, so that `solve` returns 0 for them.
+    """`work.twist_matrix` = the matrix 2 / tau^2 M + (1/2 + beta) K + C / tau with the stiffness of
+    roll springs, natural curvature and rolling, `beta` per step; entry (i + k, i) is at [k, i].
     """
     mass, damping, twist = cable.linear.mass[1], cable.linear.damping[1], cable.linear.twist
-    matrix, prescribed = cable.work.twist_matrix, cable.work.twist_held
+    matrix = cable.work.twist_matrix
     damped = 1.0 / tau if cable.terms & DAMPED else 0.0
     for k in range(4):
         for i in range(cable.n - k):
@@ -73,6 +76,16 @@ def make_matrix(cable, begin, end, tau, beta):
     add_roll_stiffness(cable, matrix)
     if cable.terms & MATERIAL:
         add_natural_stiffness(cable, begin, end, matrix)
+    add_rolling_stiffness(cable, tau, cable.work.change, matrix)
+
+
+@part
+def factorize(cable):
+    """LDL^T factors of `work.twist_matrix` in place: 1 / D replaces diagonal 0, and rows 4, 5, 6
+    get the three diagonals of L below the main one. The inverse pivots of prescribed unknowns are
+    0, so that `solve` returns 0 for them.
+    """
+    matrix, prescribed = cable.work.twist_matrix, cable.work.twist_held
     inverse1 = inverse2 = inverse3 = 0.0  # 1 / D of the rows before
     last1 = last2 = before1 = 0.0  # L of the row before, and of the one before that
     for i in range(cable.n):
@@ -89,7 +102,7 @@ def make_matrix(cable, begin, end, tau, beta):
 
 @part
 def solve(cable, matrix, x):
-    """Forward and back substitution in place on a line, with the factors of `make_matrix`;
+    """Forward and back substitution in place on a line, with the factors of `factorize`;
     prescribed unknowns become 0.
     """
     a = b = c = 0.0
@@ -120,7 +133,7 @@ def take_midpoint_moments(cable, t0, tau):
 
 
 @part
-def correct_twist(cable, begin, end, x, tau, beta, spins, make):
+def correct_twist(cable, begin, end, x, tau, beta, spins, make, before):
     """One Newton correction of the twist line of x and `change`, d, for the residual
         f - K (theta0 + (1/2 + beta) d) - M (2 / tau^2 d - 2 / tau v0),
     where f is `force`: loads, rotation of the frame, and damping and springs for the previous d.
@@ -129,10 +142,12 @@ def correct_twist(cable, begin, end, x, tau, beta, spins, make):
     Args:
         begin, end: configurations of the discrete gradient of the natural curvature. beta: internal
             damping per step [-]. spins: whether neither end is prescribed. make: whether to make
-            the matrix anew.
+            the matrix anew. before: residual times the last correction before that, which is
+            shortened if now they point the other way by more than OVERSHOT of this; 0: never.
 
     Returns:
-        The largest entry of the correction relative to 1 rad plus the angle.
+        The largest entry of the correction relative to 1 rad plus the angle, infinite if the last
+        one was shortened; and the residual times the correction.
     """
     work, line = cable.work, cable.dim
     natural, damped = cable.terms & MATERIAL != 0, cable.terms & DAMPED != 0
@@ -140,17 +155,36 @@ def correct_twist(cable, begin, end, x, tau, beta, spins, make):
     matrix, a = work.twist_matrix, 2.0 / (tau * tau)
     if natural:
         natural_force(cable, begin, end, YES, NO, work.force)
-    if make:
-        make_matrix(cable, begin, end, tau, beta)
+    add_rolling_moments(cable, tau, work.change, work.force)
     theta, change, force = x[line], work.change[line], work.force[line]
     latest, rest, sum_ = work.twist_latest[line], work.twist_rest[line], work.twist_sum[line]
     add_differences(twist, -1.0, work.start[line], force)
     for c in range(cable.columns):
         rest[c] = force[c]
-        sum_[c] = 0.0
     add_differences(twist, -0.5 - beta, change, rest)
     add_product(mass, -a, change, rest)
     add_product(mass, 2.0 / tau, work.start_v[line], rest)
+    if before > 0.0:
+        along = 0.0
+        for c in range(cable.columns):
+            along += rest[c] * sum_[c]
+        if not along > -OVERSHOT * before:
+            share = min(max(before / (before - along), 0.1), 0.5)
+            for c in range(cable.columns):
+                latest[c] = (share - 1.0) * sum_[c]
+                sum_[c] *= share
+                theta[c] += latest[c]
+                change[c] += latest[c]
+            add_roll_change(cable, work.twist_latest, work.twist_own)
+            if damped:
+                add_product(damping, -1.0 / tau, latest, work.twist_own[line])
+            return np.inf, share * before
+    if make:
+        make_matrix(cable, begin, end, tau, beta)
+        factorize(cable)
+    slope = 0.0
+    for c in range(cable.columns):
+        sum_[c] = 0.0
     # In the factors the inertia of a rigid spin is lost to round-off beside a large stiffness. The
     # residual is exact, as its differences vanish for a spin: iterative refinement corrects it.
     for _ in range(1 + REFINEMENTS if spins else 1):
@@ -159,6 +193,7 @@ def correct_twist(cable, begin, end, x, tau, beta, spins, make):
         solve(cable, matrix, latest)
         for c in range(cable.columns):
             sum_[c] += latest[c]
+            slope += rest[c] * latest[c]
         add_product(mass, -a, latest, rest)
         add_differences(twist, -0.5 - beta, latest, rest)
         add_roll_change(cable, work.twist_latest, work.twist_rest)
@@ -175,7 +210,7 @@ def correct_twist(cable, begin, end, x, tau, beta, spins, make):
     if damped:
         add_product(damping, -1.0 / tau, sum_, force)
         add_product(damping, -1.0 / tau, sum_, work.twist_own[line])
-    return moved
+    return moved, slope
 
 
 @piece(float64, CABLE, LINES, LINES, LINES, float64, float64, boolean, terms=TWISTED)
@@ -195,7 +230,7 @@ def solve_twist(cable, begin, end, x, t0, tau, anew):
         `change`, which `implicit.step_force` counted.
     """
     work, line = cable.work, cable.dim
-    natural, damped = cable.terms & MATERIAL != 0, cable.terms & DAMPED != 0
+    rolling, damped = cable.terms & ROLLING != 0, cable.terms & DAMPED != 0
     force, change, own = work.force[line], work.change[line], work.twist_own[line]
     damping = cable.linear.damping[1]
     if cable.loads.count:
@@ -208,23 +243,28 @@ def solve_twist(cable, begin, end, x, t0, tau, anew):
             if cable.rows.line[k] == line:
                 work.twist_held[cable.points.own[cable.rows.point[k]]] = 1.0
     spins = work.twist_held[0] + work.twist_held[cable.n - 1] == 0.0
+    spins = spins and not rolling  # whose stiffness the residual does not know
     lost = 0.0
     if damped:
         lost = -form(damping, change) / tau
     spring_force(cable, x, 1.0, YES, work.force)
     for c in range(cable.columns):
         own[c] = force[c]
-    tolerance = SETTLED
-    for correction in range(MOST_NEWTON if natural else 1):
+    most = MOST_NEWTON if cable.terms & MATERIAL else 1
+    settled = SETTLED
+    if rolling:
+        most, settled = MOST_ROLLING, ROLLED
+    tolerance, slope = settled, 0.0
+    for correction in range(most):
         for c in range(cable.columns):
             force[c] = own[c]
-        make = anew or correction > 0
-        moved = correct_twist(cable, begin, end, x, tau, beta, spins, make)
+        make, before = anew or correction > 0 or rolling, slope if rolling else 0.0
+        moved, slope = correct_twist(cable, begin, end, x, tau, beta, spins, make, before)
         for c in range(cable.columns):
             work.middle[line, c] = work.start[line, c] + 0.5 * change[c]
         if moved < tolerance:
             break
-        if correction == 0:
+        if correction == 0 and not rolling:
             tolerance = max(SETTLED, SHRUNK * moved)
     lost += roll_loss(cable, work.change)[0]
     if damped:
@@ -247,7 +287,16 @@ def step_twist(cable, t0, tau, discrete, anew):
     lost += push_by_twist(cable, begin, end, viscous, force)
     if cable.terms & MATERIAL:
         natural_force(cable, begin, end, NO, YES, force)
+    push_rolling(cable, tau, cable.work.change, force)
     return lost
+
+
+@part
+def twist_matrix(cable, tau, discrete):
+    """`make_matrix` at the present iterate of the shape, without factors."""
+    x, middle = cable.state.x, cable.work.middle
+    begin, end = (cable.work.start, x) if discrete else (middle, middle)
+    make_matrix(cable, begin, end, tau, damping_share(cable, tau))
 
 
 @piece(*END, terms=TWISTED)

@@ -638,9 +638,10 @@ class Terms:
             inextensible (rattle) where possible.
         bend: Bending energy.
         twist: Torsional energy and twist angle theta. bishop: in a rotation-minimising frame, so
-            that twist and shape act on each other; quasistatic: as bishop, without rotary inertia
-            about the axis; auto: quasistatic where the roll is held or turned, with explicit
-            methods bishop; on: twist rate theta', which does not affect the shape; frenet: relative
+            that twist and shape act on each other, and friction of obstacles rolls the cable;
+            quasistatic: as bishop, without rotary inertia about the axis, and without rolling;
+            auto: quasistatic where the roll is held or turned, with explicit methods or friction
+            bishop; on: twist rate theta', which does not affect the shape; frenet: relative
             to the torsion of the centerline.
         gravity: Weight.
         damping: All damping.
@@ -926,6 +927,12 @@ class Scene:
         """Names of the obstacles that rub on the cable."""
         touched = self.bodies if self.touches else ()
         return tuple(one.name for one in touched if self.friction_of(one) > 0.0)
+
+    @property
+    def may_roll(self) -> bool:
+        """Whether friction of obstacles turns a cable about its axis that twists in space."""
+        later = bool(self.contact.markers) and self.touches and self.contact.friction > 0.0
+        return (bool(self.rubbing) or later) and self.contact.self != "on"
 
     @property
     def rubs_itself(self) -> bool:

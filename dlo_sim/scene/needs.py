@@ -101,6 +101,7 @@ _VARIANTS = {
     "bishop": ("bishop",),
     "quasistatic": ("bishop", "quasistatic"),
 }
+_ONLY_FRICTION = "only friction twists the cable, which slides; with terms.twist: bishop it rolls"
 _ROWS = {term.name: term for term in TERMS}
 _AT = list(_ROWS).index("twist") + 1
 NAMES = (*[*_ROWS][:_AT], *_VARIANTS, *[*_ROWS][_AT:])
@@ -133,7 +134,8 @@ def needs_of(scene: Scene) -> Needs:
             reasons[name] = f"terms.{name} is off"
             warnings += [_warning(term, scene)] * needed
         elif not needed and (setting == "auto" or name == "contact"):
-            reasons[name] = term.absent
+            only_friction = name == "twist" and scene.may_roll
+            reasons[name] = _ONLY_FRICTION if only_friction else term.absent
         else:
             present |= {name, *(_VARIANTS.get(model, ()) if name == "twist" else ())}
     return Needs(_ordered(present), axes, model, reasons, tuple(warnings))
@@ -226,9 +228,10 @@ def _taut(scene: Scene) -> bool:
 def _twist_model(scene: Scene) -> str:
     """The model of twist of a scene, where it has twist.
 
-    With `auto` twist acts on the shape, quasistatically where the method is implicit; unless
-    nothing can bend, or the cable is kept in its plane, where the uncoupled model is exact. A
-    moment about a cable whose roll nothing holds spins it ever faster: there, too, it is uncoupled.
+    With `auto` twist acts on the shape, quasistatically where the method is implicit and no
+    friction can roll the cable; unless nothing can bend, or the cable is kept in its plane, where
+    the uncoupled model is exact. A moment about a cable whose roll nothing holds spins it ever
+    faster: there, too, it is uncoupled.
     """
     if scene.terms.twist not in ("auto", "off"):
         return scene.terms.twist
@@ -239,7 +242,7 @@ def _twist_model(scene: Scene) -> str:
     if not held:
         return "bishop" if any(scene.cable.rest_twist) else "on"
     explicit = scene.integrator.method not in IMPLICIT_METHODS or inextensible(scene)
-    return "bishop" if explicit else "quasistatic"
+    return "bishop" if explicit or scene.may_roll else "quasistatic"
 
 
 def _twists(scene: Scene, axes: tuple[int, ...], model: str) -> bool:

@@ -56,7 +56,7 @@ def sizes_of(
         bool(terms & bit) for bit in (arrays.BISHOP, arrays.CURVED, arrays.PLASTICITY)
     )
     saddle = n * (dim + 1) + 1 if constraints else 0
-    chain = bool(segments)
+    chain, rolls = bool(segments), bool(terms & arrays.ROLLING)
     pairs = PAIRS * segments * (n - DEGREE)
     return {
         "terms": terms,
@@ -79,6 +79,9 @@ def sizes_of(
         "obstacles": obstacles,
         "groups": pieces and (COARSE * blocks + pieces * spans),
         "fine_groups": pieces * spans,
+        "rolling_obstacles": obstacles * rolls,
+        "rolling_unknowns": (dim + 1) * n * rolls,
+        "rolling_padded": ((dim + 1) * n + 2 * PADDING) * rolls,
         "field_values": field_values,
         "constraints": constraints,
         "segments": segments,
@@ -114,7 +117,10 @@ def most_sizes(scene: Scene, n: int, samples: int, pieces: int, segments: int) -
     """
     holders, curved = len(scene.holders), scene.cable.shaped or scene.is_plastic
     return sizes_of(
-        terms=arrays.BISHOP | arrays.CURVED * curved | arrays.PLASTICITY * scene.is_plastic,
+        terms=arrays.BISHOP
+        | arrays.ROLLING * scene.may_roll
+        | arrays.CURVED * curved
+        | arrays.PLASTICITY * scene.is_plastic,
         dim=3,
         twist=True,
         n=n,

@@ -112,6 +112,8 @@ SELECTIVE = 3e-3  # of mu h^6 integral b''' b'''
 def _terms(scene: Scene, needs: Needs, curved: bool, holding: Holding) -> int:
     """Bits of the terms: those of their names, and those that several parameters decide."""
     by_span, stretches = scene.discretization.stretch_by_span, "stretch" in needs
+    # Rolling takes the rotary inertia that quasistatic twist lacks.
+    rolls = scene.may_roll and "quasistatic" not in needs
     thinning = scene.damping.thinning * scene.damping.internal[1] > 0.0
     present = {
         bits.STRETCH: stretches and not by_span,
@@ -119,6 +121,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool, holding: Holding) -> int:
         bits.GUARDED: stretches,
         bits.CURVED: curved,
         bits.MATERIAL: curved and "bishop" in needs,
+        bits.ROLLING: rolls and {"contact", "bishop"} <= set(needs.active),
         bits.MESHED: "contact" in needs and any(o.shape == "mesh" for o in scene.bodies),
         bits.DRAG: scene.drag_across > 0.0 or any(scene.water_drag),
         bits.THINNED: "bend" in needs and thinning,

@@ -101,6 +101,8 @@ class Cable:
             bristles = self.arrays.state.pair[1:].copy()
             self.arrays.state.pair[1:] = 0.0
             for line, axis in enumerate(axes):
+                if axis not in model.axes:
+                    continue
                 self.arrays.state.pair[1 + list(model.axes).index(axis)] = bristles[line]
         self._touch(touched)
         self.account.load_work += pending

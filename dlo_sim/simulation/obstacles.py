@@ -14,7 +14,7 @@ from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core import bspline, mass, quadrature, rotations, spectrum
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import contact
-from dlo_sim.engine.arrays import MARGIN, MOTION_SIZE, CableArrays
+from dlo_sim.engine.arrays import MARGIN, MOTION_SIZE, ROLLING, CableArrays
 from dlo_sim.engine.arrays import Contact as ContactArrays
 from dlo_sim.engine.grasps import DURATION, FRAME, POSITION, START, TURN
 from dlo_sim.scene.description import EARTH, LOSSY, Obstacle, Scene
@@ -446,6 +446,9 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
     group.pieces, group.coarse = pieces_of(scene), COARSE * arrays.blocks
     group.still[:] = still
     group.density, group.least_margin = scene.cable.mu, scene.cable.diameter
+    group.radius = radius
+    if arrays.terms & ROLLING:  # a sample off the axis is easier to move
+        group.density /= 1.0 + scene.cable.mu * radius**2 / scene.cable.polar_inertia
     write_samples(group, *samples_by_span(knots, group.pieces))
     for k, obstacle in enumerate(scene.bodies[: group.count]):
         core = core_of(obstacle, radius)
@@ -542,12 +545,19 @@ def trapezoidal(knots: Array, xi: Array, there: NDArray[np.bool_]) -> quadrature
 
 
 def samples_by_span(knots: Array, pieces: int) -> tuple[Array, Array]:
-    """Basis functions and weights, shape (spans, samples, 5), of samples that touch planes, and of
-    those that touch bodies.
+    """Basis functions, weights, and derivatives of the basis functions by the local coordinate,
+    shape (spans, samples, 9), of samples that touch planes, and of those that touch bodies.
     """
     rules = plane_rule(knots), body_rule(knots, pieces)
     coarse, fine = (
-        np.concatenate([values_of_spans(knots, rule.xi), rule.weights[..., None]], axis=-1)
+        np.concatenate(
+            [
+                values_of_spans(knots, rule.xi),
+                rule.weights[..., None],
+                values_of_spans(knots, rule.xi, 1),
+            ],
+            axis=-1,
+        )
         for rule in rules
     )
     return coarse, fine
@@ -557,10 +567,11 @@ def write_samples(group: ContactArrays, coarse: Array, fine: Array) -> None:
     """Write `samples_by_span` as groups."""
     spans, blocks = len(fine), group.coarse // COARSE
     flat = to_blocks(coarse).transpose(0, 1, 3, 2)  # block, sample, lane, value
-    bodies = fine.reshape(spans * group.pieces, LANES, 5)
-    values = np.concatenate([flat.reshape(-1, LANES, 5), bodies])
+    bodies = fine.reshape(spans * group.pieces, LANES, 9)
+    values = np.concatenate([flat.reshape(-1, LANES, 9), bodies])
     group.basis[:] = values[..., :4].swapaxes(1, 2)
     group.weight[:] = values[..., 4]
+    group.slope[:] = values[..., 5:].swapaxes(1, 2)
     firsts = np.repeat(LANES * np.arange(blocks), COARSE), np.repeat(np.arange(spans), group.pieces)
     group.first[:] = MARGIN + np.concatenate(firsts)
     one, other = np.triu_indices(bspline.ACTIVE)
@@ -578,7 +589,10 @@ def by_span(groups: Array, coarse: int, spans: int) -> tuple[Array, Array]:
     return flat, groups[coarse:].reshape(spans, -1, groups.shape[-1])
 
 
-def values_of_spans(knots: Array, xi: Array) -> Array:
-    """Basis functions of the spans at xi (spans, m), shape (spans, m, 4)."""
-    powers = xi[..., None] ** np.arange(bspline.ACTIVE)
+def values_of_spans(knots: Array, xi: Array, order: int = 0) -> Array:
+    """Basis functions of the spans at xi (spans, m), or their first derivatives by xi, shape
+    (spans, m, 4).
+    """
+    power = np.arange(bspline.ACTIVE)
+    powers = xi[..., None] ** np.maximum(power - order, 0) * (power if order else 1)
     return np.asarray(np.einsum("skp,smp->smk", bspline.span_polynomials(knots), powers))

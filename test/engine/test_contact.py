@@ -45,7 +45,8 @@ LYING = [0.0, 0.6, 0.0, 0.8]  # its z axis is almost along x
 def step_force(address, x0, x1, out):
     cable = cable_at(address)
     contact.begin(cable, 0.0, TAU, 1.0, grid(x0))
-    return contact.add_force(cable, 1.0, 1.0 / TAU, np.inf, True, grid(x0), grid(x1), grid(out))
+    lines = grid(x0), grid(x1), grid(out)
+    return contact.add_force(cable, 1.0, 1.0 / TAU, np.inf, True, False, *lines)
 
 
 @piece(void, int64, ARRAY_2D, ARRAY_2D, terms=CONTACT)

@@ -1,0 +1,276 @@
+"""Friction that rolls a cable about its axis: its moment, and twist and shape in one matrix.
+
+A cable that twists in space turns about its axis by phi at a sample that touches, which friction
+sees as a motion - phi l of its surface with the lever l (`engine.contact`). With the trial force
+T0 at phi = 0 the friction of a step is
+    f = - min(1, mu p / |T|) T,   T = T0 - (k_t + c_t / tau) phi l,
+and turns the cable by the moment m = - l.f per length. Its derivative - l.H l, where H is minus
+the derivative of f by the motion of the surface, is never positive.
+
+`contact.add_force` leaves T0, l and mu p of an iterate of the shape in `work.rolling`, phi apart
+from the spin of the cable in this step. Then `methods.twist_step` solves for the twist with the
+moments, and at last `push_rolling` adds the friction.
+
+A sample that sticks ties the spin to the motion of the axis, as a wheel. Newton's method for the
+shape must know that the twist follows, so its matrix S = K - C D^-1 R is that of the shape with the
+twist eliminated, with the matrix D of the twist and the couplings
+    C = - dF/dtheta = - H l,   R = - dm/dr = - l.(-df/dr).
+It is never formed: unknowns are ordered by control point, three of the shape and one of the twist,
+in a band, and the solution for a right-hand side (r, 0) is S^-1 r in the unknowns of the shape.
+"""
+
+from __future__ import annotations
+
+from numba import boolean, float64, void
+
+from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, where, zero
+from dlo_sim.compiling.pieces import part, piece
+from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, ROLLING
+from dlo_sim.engine.band import (
+    clamps_here,
+    clear_band,
+    eliminate,
+    frame_of,
+    own_point,
+    turn_entries,
+)
+from dlo_sim.engine.contact import (
+    BRISTLE,
+    BRISTLE_DAMPING,
+    BY_PLACE,
+    BY_SPIN,
+    FREE,
+    FRICTION,
+    LEVER,
+    LIMIT,
+    MIDDLE,
+    TINY,
+    clear_sums,
+    push_line,
+    push_samples,
+    scaled,
+    to_lines,
+)
+from dlo_sim.terms.vectors import combined, dot
+
+FOUR = 4  # unknowns of a control point: three of the shape, one of the twist
+HALF = 4 * FOUR - 1  # half the bandwidth
+
+
+@part
+def spun(cable, g, change):
+    """Change of the twist angle at the samples of a group."""
+    e, at, angle = cable.contact.basis[g], cable.contact.first[g], zero()
+    for k in range(4):
+        if g < cable.contact.coarse:
+            angle += e[k] * load(change, cable.dim, at + k)
+        else:
+            angle += e[k] * change[cable.dim, at + k]
+    return angle
+
+
+@part
+def rolling_friction(cable, o, g, tau, change):
+    """T, the share of it that holds, |T|, l and k_t + c_t / tau of the samples of a group."""
+    kept, law = cable.work.rolling[o, g], cable.contact.law[o]
+    stiff = law[BRISTLE] + law[BRISTLE_DAMPING] / tau
+    lever = kept[LEVER], kept[LEVER + 1], kept[LEVER + 2]
+    trial = kept[FREE], kept[FREE + 1], kept[FREE + 2]
+    trial = combined(1.0, trial, -stiff * spun(cable, g, change), lever)
+    far, limit = sqrt(dot(trial, trial)) + TINY, kept[LIMIT]
+    return trial, where(limit - far, 1.0, limit / far), far, lever, stiff
+
+
+@part
+def touching(cable, o):
+    """Number of groups of samples that may touch obstacle o with friction."""
+    return int(cable.state.near_count[o]) if cable.contact.law[o, FRICTION] > 0.0 else 0
+
+
+@part
+def rubs(cable, o, g):
+    """Whether any sample of a group is pressed."""
+    return lane_sum(cable.work.rolling[o, g, LIMIT]) > 0.0
+
+
+@piece(void, CABLE, float64, LINES, LINES, terms=ROLLING)
+def add_moments(cable, tau, change, out):
+    """out += moments of friction on the twist line, for a `change` in the step."""
+    for o in range(cable.contact.count):
+        for k in range(touching(cable, o)):
+            g = int(cable.state.near[o, k])
+            if rubs(cable, o, g):
+                trial, share, _, lever, _ = rolling_friction(cable, o, g, tau, change)
+                moment = cable.contact.weight[g] * share * dot(lever, trial)
+                push_line(cable, g, cable.dim, moment, out)
+
+
+@piece(void, CABLE, float64, LINES, LINES, terms=ROLLING)
+def add_stiffness(cable, tau, change, matrix):
+    """Add l.H l to the matrix of the twist, its lower diagonals, entry (i + k, i) at [k, i]."""
+    contact = cable.contact
+    for o in range(contact.count):
+        for k in range(touching(cable, o)):
+            g = int(cable.state.near[o, k])
+            if not rubs(cable, o, g):
+                continue
+            trial, share, far, lever, stiff = rolling_friction(cable, o, g, tau, change)
+            ahead = dot(lever, trial) / far
+            held = dot(lever, lever) - where(share - 1.0 + 1e-15, 0.0, ahead * ahead)
+            held = contact.weight[g] * share * stiff * held
+            e, first = contact.basis[g], contact.first[g] - MARGIN
+            for a in range(4):
+                for b in range(a, 4):
+                    value = e[a] * e[b] * held
+                    if g < contact.coarse:
+                        for span in range(min(LANES, cable.n - 3 - first)):
+                            matrix[b - a, first + span + a] += lane(value, span)
+                    else:
+                        matrix[b - a, first + a] += lane_sum(value)
+
+
+@piece(void, CABLE, float64, LINES, LINES, terms=ROLLING)
+def push_rolling(cable, tau, change, out):
+    """out += friction on the shape, which `contact.add_force` left out."""
+    for o in range(cable.contact.count):
+        for k in range(touching(cable, o)):
+            g = int(cable.state.near[o, k])
+            if rubs(cable, o, g):
+                trial, share, _, _, _ = rolling_friction(cable, o, g, tau, change)
+                f = scaled(-cable.contact.weight[g] * share, trial)
+                push_samples(cable, g, to_lines(cable.state.pose[o], MIDDLE, f), out)
+
+
+# -- matrix of the shape and the twist -----------------------------------------------------------
+
+
+@piece(boolean, CABLE, terms=ROLLING)
+def rolls(cable):
+    """Whether any sample is pressed on an obstacle with friction."""
+    for o in range(cable.contact.count):
+        for k in range(touching(cable, o)):
+            if rubs(cable, o, int(cable.state.near[o, k])):
+                return True
+    return False
+
+
+@piece(boolean, CABLE, LINES, LINES, LINES, terms=ROLLING)
+def eliminate_rolling(cable, pushed, kept, matrix):
+    """`work.rolling_band` = LU factors of the shape's `matrix`, of that of the twist, which is in
+    `work.twist_matrix`, and of the couplings that `contact.add_tangent` left; returns whether they
+    exist. `pushed`, `kept`: directions of the constraint rows, as of `band.hold`.
+    """
+    band, sums, block = cable.work.rolling_band, cable.work.contact_sums, -1
+    clear_band(band)
+    copy_shape(cable, matrix, band)
+    for o in range(cable.contact.count):
+        for k in range(touching(cable, o)):
+            g = int(cable.state.near[o, k])
+            if not rubs(cable, o, g):
+                continue
+            # Groups of one block of spans, or samples of one span, have the same control points.
+            first = cable.contact.first[g] + (0 if g < cable.contact.coarse else cable.columns)
+            if first != block:
+                if block >= 0:
+                    add_couplings(cable, block, band)
+                clear_sums(sums)
+                block = first
+            couple(cable, o, g, sums)
+    if block >= 0:
+        add_couplings(cable, block, band)
+    hold_couplings(cable, pushed, kept, band)
+    copy_twist(cable, band)
+    return eliminate(band, FOUR * cable.n, FOUR)
+
+
+@part
+def copy_shape(cable, matrix, band):
+    """Copy the band matrix of the shape, three unknowns of each control point."""
+    for i in range(cable.n):
+        for d in range(3):
+            row, to = matrix[3 * i + d], band[FOUR * i + d]
+            for j in range(max(-3, -i), min(4, cable.n - i)):
+                for e in range(3):
+                    to[FOUR * j + e - d + HALF] = row[3 * j + e - d + 11]
+
+
+@part
+def copy_twist(cable, band):
+    """Copy the matrix of the twist; prescribed unknowns get an equation of the identity."""
+    work = cable.work
+    for i in range(cable.n):
+        for j in range(max(i - 3, 0), min(i + 4, cable.n)):
+            value = work.twist_matrix[abs(i - j), min(i, j)]
+            if work.twist_held[i] + work.twist_held[j] > 0.0:
+                value = 1.0 if i == j else 0.0
+            band[FOUR * i + 3, FOUR * (j - i) + HALF] = value
+
+
+@part
+def couple(cable, o, g, sums):
+    """sums += couplings of the samples of a group between two of their control points: six rows of
+    a pair, those in the equations of the shape and those in that of the twist, negative.
+    """
+    contact, kept = cable.contact, cable.work.rolling[o, g]
+    e, w, at = contact.basis[g], contact.weight[g], 0
+    for one in range(4):
+        for other in range(one, 4):
+            both = e[one] * e[other] * w
+            for d in range(3):
+                store(sums, at + d, 0, load(sums, at + d, 0) + both * kept[BY_SPIN + d])
+                store(sums, at + 3 + d, 0, load(sums, at + 3 + d, 0) + both * kept[BY_PLACE + d])
+            at += 6
+
+
+@part
+def add_couplings(cable, block, band):
+    """band -= the sums of `couple`, by lane of spans of a block, or all of a span."""
+    sums, fine = cable.work.contact_sums, block >= cable.columns
+    first = block - MARGIN - (cable.columns if fine else 0)
+    for lane_ in range(LANES):
+        begin, at = first + (0 if fine else lane_), 0
+        if begin > cable.n - 4:
+            break
+        for one in range(4):
+            for other in range(one, 4):
+                for d in range(3):
+                    on_shape, on_twist = sums[at + d, lane_], sums[at + 3 + d, lane_]
+                    add_coupling(begin + one, begin + other, d, on_shape, on_twist, band)
+                    if other > one:
+                        add_coupling(begin + other, begin + one, d, on_shape, on_twist, band)
+                at += 6
+
+
+@part
+def add_coupling(i, j, d, on_shape, on_twist, band):
+    """Between line d of control point i and the twist of control point j, in both equations."""
+    band[FOUR * i + d, FOUR * (j - i) + 3 - d + HALF] -= on_shape
+    band[FOUR * i + 3, FOUR * (j - i) + d - 3 + HALF] -= on_twist
+
+
+@part
+def hold_couplings(cable, pushed, kept, band):
+    """Rotate the couplings into the frames of the clamps, and drop those of prescribed unknowns."""
+    for k in range(cable.rows.count):
+        own, line = own_point(cable, k), cable.rows.line[k]
+        if own < 0:
+            continue
+        low, high = max(own - 3, 0), min(own + 4, cable.n)
+        if clamps_here(cable, k):
+            f, g = frame_of(cable, k, pushed), frame_of(cable, k, kept)
+            for j in range(low, high):
+                turn_entries(3, f, band, FOUR * own, FOUR * (j - own) + 3 + HALF, 1, -1)
+                turn_entries(3, g, band, FOUR * j + 3, FOUR * (own - j) - 3 + HALF, 0, 1)
+        for j in range(low, high):
+            for d in range(3):
+                if line == d or (line < 0 and d > 0):
+                    band[FOUR * own + d, FOUR * (j - own) + 3 - d + HALF] = 0.0
+                    band[FOUR * j + 3, FOUR * (own - j) + d - 3 + HALF] = 0.0
+    for i in range(cable.n):
+        if cable.work.twist_held[i] == 0.0:
+            continue
+        for j in range(max(i - 3, 0), min(i + 4, cable.n)):
+            for d in range(3):
+                band[FOUR * j + d, FOUR * (i - j) + 3 - d + HALF] = 0.0
+                band[FOUR * i + 3, FOUR * (j - i) + d - 3 + HALF] = 0.0
