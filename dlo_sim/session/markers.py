@@ -190,7 +190,8 @@ class Surroundings(Waiting[Markers]):
                 if obstacle is None:
                     self._forget(name, there, moving)
                 else:
-                    self._say(obstacle, stamp_ns, there, moving)
+                    new = name not in before or before[name] is not there.get(name)
+                    self._say(obstacle, stamp_ns, new, there, moving)
                     self._ends.pop(name, None)
                     if lifetime_ns:
                         self._ends[name] = stamp_ns + lifetime_ns
@@ -214,12 +215,15 @@ class Surroundings(Waiting[Markers]):
         self,
         obstacle: Obstacle,
         stamp_ns: int,
+        new: bool,
         there: dict[str, Obstacle],
         moving: dict[str, tuple[Obstacle, int]],
     ) -> None:
-        """Note that a marker has an obstacle: a new one, or one at another place."""
+        """Note that a marker has an obstacle: a new one, which is added where the newest marker of
+        this step has it, or one at another place.
+        """
         name, present = obstacle.name, there.get(obstacle.name)
-        if present is None or _body(present) != _body(obstacle):
+        if new or present is None or _body(present) != _body(obstacle):
             there[name] = obstacle
             moving.pop(name, None)
         else:

@@ -238,6 +238,14 @@ def test_ten_thousand_at_once_are_refused_unread(fallen):
     assert fallen.simulator.centerline([0.15])[0, 2] == pytest.approx(-0.017, abs=2e-3)
 
 
+def test_of_two_places_in_one_message_the_newer_one_counts():
+    """Also where the cable is in the way at the older one."""
+    session, scale = session_of(), (0.1, 0.1, 0.1)
+    run(session, [(0.0, plate(1, (0.0, 0.0, 0.0), scale), plate(1, (0.0, 0.5, 0.0), scale))], 0.1)
+    assert not session.journal.events["not_added"]
+    assert session.simulator.end_pose("cell/1")[0].tolist() == [0.0, 0.5, 0.0]
+
+
 def test_what_cannot_be_had_is_counted():
     """Too many, one in the cable, one that jumps; the others are there, and it goes on."""
     session = session_of()
