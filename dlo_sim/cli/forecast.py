@@ -127,6 +127,7 @@ def _summary(found: "Forecast", simulator: "Simulator", planned: list[str]) -> d
         "shapes": len(found.times),
         "peak_tension": found.peak_tension,
         "contact": found.contact or None,
+        "notes": found.warnings,
         "largest_curvature": found.largest_curvature,
         "end_shape": found.centerline[-1],
         "choice": simulator.choice.reason,
@@ -154,6 +155,8 @@ def _print_report(
         **_contact(found),
         f"shape at {found.times[-1]:g} s": "\n".join(lines),
     } | more
+    if found.warnings:
+        rows["note"] = "\n".join(found.warnings)
     if options.output is not None:
         rows["output"] = f"{options.output} ({len(found.times)} shapes)"
     print_rows(rows)

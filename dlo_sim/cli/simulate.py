@@ -1,6 +1,7 @@
 """`dlo_sim simulate SCENE`: run a scene without ROS and record it."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -124,7 +125,8 @@ def _print_report(scene: str, output: Path | None, recording: "Recording") -> No
     if recording.contacts:
         lines = [
             f"{name}: {one['exerted']:.3g} N, "
-            f"at most {one['pressure']:.3g} N/m, clearance {one['clearance']:.3g} m"
+            f"at most {one['pressure']:.3g} N/m, clearance "
+            + (f"{one['clearance']:.3g} m" if math.isfinite(one["clearance"]) else "large")
             for name, one in recording.contacts.items()
         ]
         rows["contact"] = "\n".join(lines)

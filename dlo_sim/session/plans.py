@@ -149,6 +149,7 @@ def answer(asked: Request) -> Answer:
         ("peak tension [N]", "unknown" if peak is None else f"{peak:.4g}"),
         ("largest curvature [1/m]", f"{found.largest_curvature:.4g}"),
         *contact_values(found.contact),
+        ("warnings", "; ".join(found.warnings)),
         ("forecast time [ms]", f"{1e3 * (time.perf_counter() - began):.1f}"),
     )
     return Answer(messages, values, found.report.message)

@@ -14,7 +14,7 @@ from dlo_sim.scene.needs import inextensible
 
 Array = NDArray[np.float64]
 # Pairs of segments that touch each other, for every segment, and of spans, for every span.
-PAIRS, NEAR = 4, 64
+PAIRS, NEAR = 12, 64
 MOST_SKYLINE = 1 << 20  # entries of the factors with couplings between distant control points
 COARSE = 3  # groups of samples of a block that touch planes, the last one at an end of the cable
 

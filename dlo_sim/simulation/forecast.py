@@ -44,6 +44,8 @@ class Forecast:
         report: of the advance; after a failure only the shapes before it are given.
         obstacles: what `drawn_obstacles` says of them and of contact. They go on as they move now,
             to the end of that motion, and rest there.
+        warnings: `Simulator.warnings` at the end of it; among them whether the cable passed through
+            itself at one of the shapes.
     """
 
     times: Array
@@ -54,6 +56,7 @@ class Forecast:
     tension: Array | None
     report: Report
     obstacles: dict[str, Array] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
     @property
     def contact(self) -> dict[str, float]:

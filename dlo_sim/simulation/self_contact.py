@@ -65,10 +65,11 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array) -> None:
 
 EVERY = 0.01  # [s] between two looks
 STRAIGHT = 0.7  # of the length between two places, above which their distance says nothing
-NEIGHBOURS = 3  # spans along the cable that are not compared unless it turns by 60 degrees there
+TURNED = 0.5  # cosine by which the cable has to turn between two spans that are compared
 PLACES = 9  # of a span, that are compared before the nearest is refined
-# Shortest edges by which control points may move until all is looked at again: neighbours have to
-# turn by 60 degrees before they are compared, and by 180 before they touch.
+TRIED = 8  # nearest pairs of spans that are refined
+# Shortest edges by which control points may move until all is looked at again: the cable has to
+# turn by 60 degrees before spans are compared, and by 180 before they touch.
 MOVED = 1.0
 _XI = np.linspace(-1.0, 1.0, PLACES)
 DEEP = 0.5  # diameters, inside itself, in which no cable may begin
@@ -91,29 +92,31 @@ class Nearest(NamedTuple):
 
 class _Spans(NamedTuple):
     """Of the spans of a cable: powers of xi by control point, shape (spans, 4, 4), both ends [m],
-    rest lengths of the edges between control points [m], and of all pairs that are far enough apart
-    along the cable to touch the numbers, and whether they are neighbours.
+    numbers of their control points, shape (spans, 4), rest lengths of the edges between control
+    points [m], those that are as long as spans, entries below the diagonal of a matrix of edges,
+    and of one of spans those that are far enough apart along the cable to touch.
     """
 
     polynomials: Array
     ends: Array
+    points: NDArray[np.int64]
     rest: Array
-    first: NDArray[np.int64]
-    second: NDArray[np.int64]
-    beside: NDArray[np.bool_]
+    whole: slice
+    below: NDArray[np.bool_]
+    far: NDArray[np.bool_]
 
 
 @lru_cache(maxsize=8)
 def _spans(knots: bytes, apart: float) -> _Spans:
     vector = np.frombuffer(knots)
     ends = bspline.breaks(vector)
-    first, second = np.triu_indices(len(ends) - 1)
-    far = ends[second + 1] - ends[first] > apart
-    first, second = first[far], second[far]
-    rest = (vector[4:-1] - vector[1:-4]) / 3.0
     sides = np.stack((ends[:-1], ends[1:]), axis=1)
-    beside = second <= first + NEIGHBOURS
-    return _Spans(bspline.span_polynomials(vector), sides, rest, first, second, beside)
+    rest = (vector[4:-1] - vector[1:-4]) / 3.0
+    below = np.tri(len(rest), k=-1, dtype=bool)
+    far = np.triu(ends[1:] - ends[:-1, None] > apart)
+    number = np.arange(len(sides))[:, None] + np.arange(bspline.ACTIVE)
+    whole = slice(2, -2) if len(rest) > 4 else slice(None)  # edges at clamped ends are shorter
+    return _Spans(bspline.span_polynomials(vector), sides, number, rest, whole, below, far)
 
 
 _POWERS = _XI[:, None] ** np.arange(bspline.ACTIVE)
@@ -125,60 +128,66 @@ def nearest(model: Model, points: Array, diameter: float, limit: float = math.in
     infinitely far if there are no others, or if all clearances exceed `limit`.
     """
     apart = APART * diameter
-    polynomials, ends, rest, first, second, beside = _spans(model.knots.tobytes(), apart)
-    edges = np.diff(points[:, :3], axis=0)
+    spans = _spans(model.knots.tobytes(), apart)
+    ends, nowhere = spans.ends, (0.0, float(spans.ends[-1, 1]))
+    edges = points[1:, :3] - points[:-1, :3]
     chord = points[-1, :3] - points[0, :3]
     # The tangent is a mean of edges over their rest lengths: where all of these advance along the
-    # chord, no two places are nearer than STRAIGHT of what is between them. Found in 10 us, not 50.
-    if (edges @ chord > STRAIGHT * math.sqrt(chord @ chord) * rest).all():
-        room = MOVED * float(rest.min()) / math.sqrt(3.0)
-        return Nearest(math.inf, (0.0, float(ends[-1, 1])), room)
-    hulls = points[np.arange(len(ends))[:, None] + np.arange(bspline.ACTIVE), :3]
-    middle = hulls.mean(axis=1)
-    from_middle = hulls - middle[:, None]
-    size = np.sqrt(np.einsum("skd,skd->sk", from_middle, from_middle).max(axis=1))
-    between = middle[first] - middle[second]
-    gaps = np.sqrt(np.einsum("kd,kd->k", between, between)) - size[first] - size[second]
+    # chord, no two places are nearer than STRAIGHT of what is between them. Found in 10 us, not 30.
+    if (edges @ chord > STRAIGHT * math.sqrt(chord @ chord) * spans.rest).all():
+        room = MOVED * float(spans.rest[spans.whole].min()) / math.sqrt(3.0)
+        return Nearest(math.inf, nowhere, room)
     lengths = np.sqrt(np.einsum("kd,kd->k", edges, edges)) + 1e-300
     edges /= lengths[:, None]
-    turned = np.einsum("kd,kd->k", edges[first], edges[second + 2]) < 0.5
-    seen = turned | ~beside
-    possible = seen & (gaps < limit + diameter)
-    others = float(gaps[seen & ~possible].min(initial=math.inf)) - diameter
+    # Of every edge the least cosine to those from it on: what turns less advances along it.
+    cosines = edges @ edges.T
+    cosines[spans.below] = 1.0
+    np.minimum.accumulate(cosines, axis=1, out=cosines)
+    hulls = points[:, :3].take(spans.points, axis=0)
+    middle = 0.25 * np.einsum("skd->sd", hulls)
+    from_middle = hulls - middle[:, None]
+    size = np.sqrt(np.einsum("skd,skd->sk", from_middle, from_middle).max(axis=1))
+    squares = np.einsum("sd,sd->s", middle, middle)
+    between = squares[:, None] + squares - 2.0 * (middle @ middle.T)
+    gaps = np.sqrt(np.maximum(between, 0.0)) - size[:, None] - size
+    gaps[(cosines[:-2, 2:] >= TURNED) | ~spans.far] = math.inf
+    possible = gaps < limit + diameter
+    others = float(gaps[~possible].min(initial=math.inf)) - diameter
 
     def room_for(clearance: float) -> float:
-        return min(0.5 * clearance, 0.5 * others, MOVED * float(lengths.min())) / math.sqrt(3.0)
+        longest = MOVED * float(lengths[spans.whole].min())
+        return min(0.5 * clearance, 0.5 * others, longest) / math.sqrt(3.0)
 
-    first, second = first[possible], second[possible]
+    first, second = np.nonzero(possible)
     if not len(first):
-        return Nearest(math.inf, (0.0, float(ends[-1, 1])), room_for(math.inf))
-    shapes = np.einsum("skp,skd->spd", polynomials, hulls)
+        return Nearest(math.inf, nowhere, room_for(math.inf))
+    shapes = np.einsum("skp,skd->spd", spans.polynomials, hulls)
     line, u = _POWERS @ shapes, 0.5 * (ends @ np.stack((1.0 - _XI, 1.0 + _XI)))
     far = _distances(line[first], line[second], u[first], u[second], apart)
     # Two thirds of the search are the refinement; it moves both places by less than their spacing.
     spacing = 2.0 * float((ends[:, 1] - ends[:, 0]).max()) / (PLACES - 1)  # stretched to twice
     if far.min() == math.inf or far.min() > (limit + diameter + spacing) ** 2:
-        return Nearest(math.inf, (0.0, float(ends[-1, 1])), room_for(limit))
-    k, i, j = np.unravel_index(int(np.argmin(far)), far.shape)
-    a, b, step = int(first[k]), int(second[k]), 2.0 / (PLACES - 1)
-    best, places = (float(_XI[i]), float(_XI[j])), (float(u[a, i]), float(u[b, j]))
-    while step * (ends[a, 1] - ends[a, 0]) > 0.02 * diameter:
-        around = np.linspace(-step, step, PLACES)
-        tried = [np.clip(place + around, -1.0, 1.0) for place in best]
-        lines = [
-            (xi[:, None] ** np.arange(bspline.ACTIVE)) @ shapes[span]
-            for xi, span in zip(tried, (a, b), strict=True)
-        ]
-        at = [
-            ends[span] @ np.stack((0.5 * (1.0 - xi), 0.5 * (1.0 + xi)))
-            for xi, span in zip(tried, (a, b), strict=True)
-        ]
-        far = _distances(lines[0][None], lines[1][None], at[0][None], at[1][None], apart)
-        _, i, j = np.unravel_index(int(np.argmin(far)), far.shape)
-        best, step = (float(tried[0][i]), float(tried[1][j])), step / 3.0
-        places = float(at[0][i]), float(at[1][j])
-    clearance = math.sqrt(far.min()) - diameter
-    return Nearest(clearance, places, room_for(clearance))
+        return Nearest(math.inf, nowhere, room_for(limit))
+    tried = np.argsort(far.min(axis=(1, 2)))[:TRIED]
+    both, step = np.stack((first[tried], second[tried])), 2.0 / (PLACES - 1)
+    best = _XI[np.stack(_least(far[tried]))]
+    while step * (ends[both[0], 1] - ends[both[0], 0]).max() > 0.02 * diameter:
+        xi = np.clip(best[..., None] + np.linspace(-step, step, PLACES), -1.0, 1.0)
+        lines = (xi[..., None] ** np.arange(bspline.ACTIVE)) @ shapes[both]
+        at = 0.5 * (ends[both, :1] * (1.0 - xi) + ends[both, 1:] * (1.0 + xi))
+        far = _distances(lines[0], lines[1], at[0], at[1], apart)
+        best = np.take_along_axis(xi, np.stack(_least(far))[..., None], axis=2)[..., 0]
+        step /= 3.0
+    k = int(np.argmin(far.min(axis=(1, 2))))
+    shares = 0.5 * (1.0 + best[:, k])
+    places = ends[both[:, k], 0] * (1.0 - shares) + ends[both[:, k], 1] * shares
+    clearance = math.sqrt(far[k].min()) - diameter
+    return Nearest(clearance, (float(places[0]), float(places[1])), room_for(clearance))
+
+
+def _least(far: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Row and column of the smallest entry of each of these matrices (k, p, p)."""
+    return np.divmod(far.reshape(len(far), -1).argmin(axis=1), far.shape[2])
 
 
 def _distances(one: Array, other: Array, u: Array, v: Array, apart: float) -> Array:

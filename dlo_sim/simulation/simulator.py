@@ -585,7 +585,9 @@ class Simulator:
         report, recorder = future.record_along(now + times, poses, at)
         count, shapes = recorder.count, recorder.along(self.scene)
         drawn = drawn_obstacles(future.scene, future.cable, recorder)
-        return Forecast(samples[:count], recorder.control_points, *shapes, report, drawn)
+        points = recorder.control_points
+        future.look_at(samples[:count], points)
+        return Forecast(samples[:count], points, *shapes, report, drawn, future.warnings)
 
     def _until_look(self, steps: int) -> int:
         """At most `steps`, and none beyond the next look at a straight cable. One that is bent will

@@ -269,6 +269,18 @@ def test_friction_between_strands_stays_when_the_cable_leaves_its_plane():
     np.testing.assert_array_equal(sim.contacts["itself"].forces, before.forces)
 
 
+def test_there_is_room_for_all_pairs_of_a_spiral():
+    """Each strand lies between two others."""
+    angle = np.linspace(0.0, 8.0 * np.pi, 4000)
+    out = 0.01 + DIAMETER * angle / (2.0 * np.pi)
+    spiral = np.stack((out * np.cos(angle), 0.0 * angle, out * np.sin(angle)), axis=1)
+    sim, _ = along(spiral, HELD, {"cable.bending_stiffness": 1e-5, "terms.out_of_plane": "auto"})
+    assert sim.advance(0.001).status.ok
+    pairs, segments = float(sim.cable.account.pairs), int(sim.cable.arrays.chain.segments)
+    assert pairs > 5.0 * (COUNT - 3) * segments
+    assert sim.cable.account.pairs_lost == 0.0
+
+
 def test_linked_loops_bear_the_tension_of_their_legs():
     """Penetration below a hundredth of the diameter; with grasps between control points."""
     found = linked(70)
@@ -314,11 +326,26 @@ def test_without_it_passing_through_is_counted():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         sim = thrown({"contact.self": "off"}, DAMPED, speed=1.0)
+        ahead = sim.forecast(Plan(np.array([0.0, 0.03]), {}), 0.005)
         for _ in range(6):
             sim.advance(0.005)
     assert sim.left_out["self_contact"] == "contact.self is not on"
     (line,) = [line for line in sim.warnings if line.startswith("contact.self: off")]
     assert "first at 0.015 s, in 1 of 3 looks, up to 0.0039 m deep" in line
+    assert "in 1 of 3 looks, up to 0.0039 m deep" in ahead.warnings[-1]
+
+
+@pytest.mark.parametrize(("points", "found"), [(4, True), (40, True), (40, False)])
+def test_a_loop_that_crosses_itself_is_seen_with_one_span(points, found):
+    """A loop of one span turns by 360 degrees, though its first and last edges are parallel."""
+    values = {"end.position": [0.05, 0.0, 0.0], "start.position": [0.0] * 3, "cable.length": 0.4}
+    sim = simulator(CABLE, FREE, values, {"contact.self": "off"}, n=points)
+    t = np.linspace(-1.6, 1.6 if found else 0.8, 500)
+    path = np.stack((0.06 * (t**2 - 1.0), 0.05 * (t**3 - t), 0.0 * t), axis=1)
+    basis = bspline.evaluate(np.eye(points), sim.model.knots, np.linspace(0.0, 0.4, len(t)))
+    place = np.linalg.lstsq(basis, path, rcond=None)[0]
+    nearest = self_contact.nearest(sim.model, place, DIAMETER)
+    assert (nearest.clearance < 0.0) == found
 
 
 def test_looks_are_spared_while_nothing_can_have_come_near(monkeypatch):
