@@ -181,6 +181,10 @@ class EndMotion:
             return self
         return replace(self, position=self.position + way)
 
+    def later(self, time: float) -> EndMotion:
+        """The same motion, a time [s] later."""
+        return replace(self, start=self.start + time)
+
     @property
     def end(self) -> float:
         """Simulator time [s] from which the end effector rests again."""

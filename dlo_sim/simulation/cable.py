@@ -129,6 +129,17 @@ class Cable:
                     self.obstacles[k], state.yielded[k], kept = before[obstacle]
                     bristles[k] = resampled(*kept, pieces)
 
+    def take_over_contact(self, other: Cable) -> None:
+        """Go on with the yielding and the friction that holds of another cable's obstacles of the
+        same names; its control points have the same knots.
+        """
+        theirs = {obstacle.name: kept for obstacle, kept in other._touched().items()}
+        state, pieces = self.arrays.state, self.arrays.contact.pieces
+        for k, obstacle in enumerate(self.model.obstacles):
+            if k < len(self.obstacles) and obstacle.name in theirs:
+                _, state.yielded[k], kept = theirs[obstacle.name]
+                np.asarray(state.bristle)[k] = resampled(*kept, pieces)
+
     def _begin_slides(self) -> None:
         self.slides[:] = [slide.u for slide in self.model.holding.slides]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,17 +11,16 @@ from dlo_sim.core import arguments, bspline, one_rotation, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import grasps
 from dlo_sim.engine.arrays import MOTION_SIZE
-from dlo_sim.engine.grasps import TWIST
+from dlo_sim.engine.grasps import ACTIVE, TWIST
 from dlo_sim.methods import between_steps
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.following import twist_angles
 from dlo_sim.simulation.geometry import Geometries, Geometry, given_quaternion, known_holder
+from dlo_sim.simulation.waiting_motions import Waiting, WaitingMotions
 
 Array = NDArray[np.float64]
 LEAST_THIRD = 0.01  # of a third of the span at a clamp: least distance of the clamp's neighbour
-Waiting = Mapping[str, tuple[EndMotion, ...]]
-"""End effector -> its motions that have not begun, in their order."""
 NEAR = 1e-6  # cable lengths, and radians: largest gap between an end effector and its next motion
 
 
@@ -40,7 +38,7 @@ class EndDrive:
         self._rows = {name: row for row, name in enumerate(scene.holders)}
         self.motion = np.zeros((len(self._rows), MOTION_SIZE))
         self._motions: dict[str, EndMotion] = {}
-        self._next: dict[str, tuple[EndMotion, ...]] = {}
+        self._waiting = WaitingMotions()
         spans = np.diff(bspline.breaks(knots))
         self._thirds = {"start": float(spans[0]) / 3.0, "end": float(spans[-1]) / 3.0}
         self._near = NEAR * scene.cable.length
@@ -89,12 +87,12 @@ class EndDrive:
     @property
     def waiting(self) -> Waiting:
         """Motions that have not begun, in their order, of the end effectors that have such."""
-        return dict(self._next)
+        return self._waiting.by_name
 
     def pose(self, end: str, t: float) -> tuple[Array, Array]:
         """Position [m] and quaternion of an end effector at time t."""
         motion = self._motions[known_holder(self._scene, end)]
-        for later in self._next.get(end, ()):
+        for later in self._waiting.of(end):
             if later.start <= t:
                 motion = later
         return motion.position_at(t), motion.orientation_at(t)
@@ -222,80 +220,55 @@ class EndDrive:
             )
 
     def follow_later(self, end: str, t: float, motion: EndMotion) -> bool:
-        """Keep a motion until its start if the end effector still moves at time t; returns whether
-        it is kept. It replaces those that begin later.
-
-        An end effector at rest needs no waiting: it rests until the motion starts.
-        """
-        rests = self._motions[end].end <= t and not self._next.get(end)
-        if rests or motion.start <= t + _rounding(motion.start):
-            return False
-        earlier = (one for one in self._next.get(end, ()) if one.start < motion.start)
-        self._next[end] = (*earlier, motion)
-        return True
+        """Keep a motion until its start if the end effector still moves (`WaitingMotions.keep`)."""
+        return self._waiting.keep(end, t, motion, moves=self._motions[end].end > t)
 
     def begin_motions(self, t: float) -> bool:
         """Let motions that have waited for a start up to time t begin; returns whether any did."""
-        begun = False
-        for end, motions in list(self._next.items()):
-            due = [one for one in motions if one.start <= t + _rounding(t)]
-            if due:
-                twist = self.place_at(end, t)[3]
-                self._next[end] = motions[len(due) :]
-                if not self._next[end]:
-                    del self._next[end]
-                self._write(end, due[-1])
-                self.count_from(end, t, twist)
-                begun = True
-        return begun
+        due = self._waiting.take_due(t)
+        for end, motion in due.items():
+            self._go_on(end, t, motion)
+        return bool(due)
 
     def steps_until_begin(self, t: float, step: float) -> int | None:
-        """Number of whole steps [s] from time t until a waiting motion begins; 0 if it does within
-        the next step, None if none waits.
-        """
-        starts = [motions[0].start for motions in self._next.values()]
-        return int((min(starts) - t + _rounding(t)) / step) if starts else None
+        """See `WaitingMotions`."""
+        return self._waiting.steps_until_begin(t, step)
 
     def lead_over(self, t: float, step: float) -> None:
-        """Lead the end effectors whose waiting motions begin within the step from time t to where
-        they are at the end of it: with constant acceleration, to the position and velocity there.
-        """
-        until = t + step
-        for end, motions in self._next.items():
-            begun = [one for one in motions if one.start < until - _rounding(until)]
-            if not begun:
-                continue
-            twist, (place, turned) = self.place_at(end, t)[3], self.pose(end, t)
-            there, facing = begun[-1].position_at(until), begun[-1].orientation_at(until)
-            turn = np.array(one_rotation.turn_between(turned.tolist(), facing.tolist()))
-            path = _parabola(place, there - place, begun[-1].velocity_at(until), step)
-            spin = _parabola(turn, turn, begun[-1].angular_velocity_at(until), step)[1:]
-            self._write(end, EndMotion.from_coefficients(t, step, path, turned, spin))
-            self.count_from(end, t, twist)
+        """See `WaitingMotions.leading`."""
+        for end, motion in self._waiting.leading(t, step, self.pose).items():
+            self._go_on(end, t, motion)
+
+    def _go_on(self, end: str, t: float, motion: EndMotion) -> None:
+        """Follow a motion from time t on, with the present twist angle."""
+        twist = self.place_at(end, t)[3]
+        self._write(end, motion)
+        self.count_from(end, t, twist)
 
     def follow(self, end: str, t: float, motion: EndMotion, twist: float = 0.0) -> None:
         """Follow a motion from time t on; twist angle: the present one plus `twist` [rad].
         Motions that wait are dropped.
         """
-        self._next.pop(end, None)
+        self._waiting.drop(end)
         row = self.motion[self._rows[end]]
         row[TWIST] = self.place_at(end, min(motion.start, t))[3] + twist
         self._write(end, motion)
         row[0] = 1.0
 
     def take_over(self, other: EndDrive, t: float, turns: Array, way: Array) -> None:
-        """Rest at the poses and twist angles of another simulator's end effectors at time t.
+        """Go on with the motions and twist angles of another simulator's end effectors at time t,
+        which is 0 here. Its motions that wait go on waiting.
 
         Args:
             way: from the origin of this simulator to the other's [m], shape (3,).
             turns: its `Cable.frame_turn` [rad], one row per grasp, or empty.
         """
-        self._next.clear()
+        self._waiting.take_over(other.waiting, set(self._rows), t, way)
         for end, row in self._rows.items():
-            position, orientation = other.pose(end, t)
-            self._write(end, EndMotion.resting(position + way, orientation))
+            self._write(end, other.state_of(end)[1].later(-t).moved(way))
+            self.motion[row, ACTIVE] = max(self.motion[row, ACTIVE], other.state_of(end)[0][ACTIVE])
             behind = turns[row] if len(turns) else 0.0
-            self.motion[row, TWIST] = other.place_at(end, t)[3] + behind
+            self.count_from(end, 0.0, other.place_at(end, t)[3] + behind)
 
     def take_frame_turns(self, turns: Array) -> None:
         """Add the lags of the Bishop frame [rad], one row per grasp (`engine.bishop`), to the twist
@@ -340,7 +313,7 @@ class EndDrive:
             waiting: the motions that wait; default: as before.
         """
         if waiting is not None:
-            self._next = dict(waiting)
+            self._waiting.replace({name: waiting[name] for name in waiting if name in self._rows})
         for name, row in self._rows.items():
             m = self.motion[row]
             self._motions[name] = EndMotion.from_coefficients(
@@ -353,7 +326,7 @@ class EndDrive:
 
     def _all_motions(self, end: str) -> tuple[EndMotion, ...]:
         """The present motion of an end effector and those that wait."""
-        return self._motions[end], *self._next.get(end, ())
+        return self._motions[end], *self._waiting.of(end)
 
     def _direction(self, end: str) -> Array:
         """Direction of the cable in an end effector's frame."""
@@ -366,19 +339,6 @@ class EndDrive:
         m[12:21] = rotations.to_matrix(motion.orientation).ravel()
         m[21:27] = motion.rotation_coefficients.ravel()
         self._motions[end] = motion
-
-
-def _rounding(t: float) -> float:
-    """Two times near t that are closer than this to each other [s] are the same."""
-    return 1e-12 * max(abs(t), 1e-3)
-
-
-def _parabola(first: Array, way: Array, last_rate: Array, duration: float) -> Array:
-    """Coefficients (3, 3) of the parabola that begins at `first`, covers `way` within a duration
-    [s] and has the rate `last_rate` at its end.
-    """
-    mean = way / duration
-    return np.stack((first, 2.0 * mean - last_rate, (last_rate - mean) / duration))
 
 
 def apart(pose: tuple[Array, Array], position: Array, orientation: Array) -> tuple[float, float]:

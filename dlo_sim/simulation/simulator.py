@@ -24,7 +24,7 @@ from dlo_sim.core.methods import CONSTRAINED, IMPLICIT
 from dlo_sim.core.strain import strain
 from dlo_sim.engine.arrays import ENERGIES, MATERIAL, SLIDING, TORSION
 from dlo_sim.engine.frames import curve_frames
-from dlo_sim.engine.grasps import ACTIVE, POSITION, START
+from dlo_sim.engine.grasps import ACTIVE, DURATION, POSITION, START
 from dlo_sim.engine.sliding import LOST
 from dlo_sim.scene.description import Grasp, Obstacle, Scene, check_added
 from dlo_sim.scene.needs import (
@@ -46,7 +46,7 @@ from dlo_sim.simulation.buckling import (
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.drawn_obstacles import drawn_obstacles
-from dlo_sim.simulation.ends import NEAR, EndDrive, Waiting, apart
+from dlo_sim.simulation.ends import NEAR, EndDrive, apart
 from dlo_sim.simulation.forecast import (
     EVERY,
     Forecast,
@@ -87,6 +87,7 @@ from dlo_sim.simulation.soundness import judged, unexplained_stretch
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.statics import place
 from dlo_sim.simulation.stepper import Stepper
+from dlo_sim.simulation.waiting_motions import Waiting, WaitingMotions
 
 Array = NDArray[np.float64]
 Basis = tuple[NDArray[np.int64], Array, Array]
@@ -165,6 +166,7 @@ class Simulator:
         self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
         self._bases: dict[bytes, Basis] = {}
         self._steps, self._remainder = 0, 0.0
+        self._later = WaitingMotions()  # of obstacles
         self._jumps: dict[str, tuple[int, float]] = {}  # obstacle -> how often, how deep at most
         self._fill_loads()
         for name in bodies & set(given):
@@ -469,8 +471,7 @@ class Simulator:
             evaluations += used
             if made:
                 self._look()
-            if self._ends.waiting and self._ends.begin_motions(self.time):
-                self._turn_natural_shape()
+            self._begin_motions()
             if not status.ok:
                 message = (
                     f"{explained(status, self.choice.method)} (at {self.time:.6g} s, "
@@ -546,7 +547,8 @@ class Simulator:
         moments, turns = self._natural.turns_along(motions)
         done, evaluations, status = 0, 0, Status.OK
         while done < len(motions) and status.ok:
-            piece = slice(done, done + self._until_look(min(CHUNK, len(motions) - done)))
+            most = min(self._steps_of_obstacles(), len(motions) - done)
+            piece = slice(done, done + self._until_look(most))
             natural = moments, turns[piece]
             made = self._stepper.advance_along(self._steps, recorder, motions[piece], natural)
             self._steps += made.steps
@@ -555,6 +557,7 @@ class Simulator:
             status = made.status
             if made.steps:
                 self._look()
+            self._begin_motions_of_obstacles()
         self._ends.restored()
         why = explained(status, self.choice.method)
         message = "" if status.ok else f"{why} (at {self.time:.6g} s)"
@@ -564,7 +567,7 @@ class Simulator:
     def forecast(self, plan: Plan, every: float = EVERY) -> Forecast:
         """Predict the shapes along a plan, at multiples of `every` [s], bit for bit as `follow`.
 
-        This simulator is not changed. Loads continue unchanged; obstacles go on as they move now.
+        This simulator is not changed. Loads continue unchanged, and obstacles follow their motions.
 
         Raises:
             TypeError, ValueError: as `follow`, or a plan that does not begin at the present poses.
@@ -605,12 +608,39 @@ class Simulator:
             self._watch.look(self.model, x, self.scene.cable.diameter, self.time)
 
     def _steps_of_motions(self) -> int:
-        """Number of steps that the present motions of the end effectors last."""
+        """Number of steps that the present motions of end effectors and obstacles last."""
         steps = self._ends.steps_until_begin(self.time, self.step)
         if steps == 0:
             self._ends.lead_over(self.time, self.step)
             self._turn_natural_shape()
+        return min(self._steps_of_obstacles(), CHUNK if steps is None else max(steps, 1))
+
+    def _steps_of_obstacles(self) -> int:
+        """Number of steps that the present motions of the obstacles last."""
+        steps = self._later.steps_until_begin(self.time, self.step)
+        if steps == 0:
+            for name, motion in self._later.leading(self.time, self.step, self._pose_of).items():
+                obstacles.write(self._obstacle(name), motion)
         return CHUNK if steps is None else max(steps, 1)
+
+    def _begin_motions(self) -> None:
+        """Let motions begin that have waited for the present time."""
+        self._begin_motions_of_obstacles()
+        if self._ends.begin_motions(self.time):
+            self._turn_natural_shape()
+
+    def _begin_motions_of_obstacles(self) -> None:
+        for name, motion in self._later.take_due(self.time).items():
+            obstacles.write(self._obstacle(name), motion)
+
+    def _pose_of(self, obstacle: str, t: float) -> tuple[Array, Array]:
+        """Position [m] and quaternion of an obstacle at time t, in the coordinates of the model."""
+        return obstacles.pose_at(self._obstacle(obstacle), t, np.zeros(3))
+
+    @property
+    def _waiting(self) -> Waiting:
+        """Motions of end effectors and obstacles that have not begun."""
+        return {**self._ends.waiting, **self._later.by_name}
 
     # -- loads and end effectors ------------------------------------------------------------------
 
@@ -715,7 +745,8 @@ class Simulator:
         self.cable.account.drive_work += self.cable.present_energy() - before
 
     def move_obstacle(self, name: str, motion: EndMotion) -> None:
-        """Let an obstacle follow a motion, which begins now where it is; afterwards it rests.
+        """Let an obstacle follow a motion, which begins where it is then; afterwards it rests.
+        Motions that begin later wait, as those of `set_motion`.
 
         Raises:
             TypeError, ValueError: no obstacle, or no motion.
@@ -727,8 +758,11 @@ class Simulator:
         needs = self._needs.spatial(self.scene) if leaves else self._needs
         self._need(needs)
         row = self._obstacle(name)
-        obstacles.write(row, motion)
         row[ACTIVE] = 1.0
+        moves = bool(row[START] + row[DURATION] > self.time)
+        if not self._later.keep(name, self.time, motion, moves):
+            self._later.drop(name)
+            obstacles.write(row, motion)
 
     def add_obstacles(self, added: Iterable[Obstacle]) -> None:
         """Add obstacles, at rest at their poses from now on; the work that this does is theirs.
@@ -1024,7 +1058,7 @@ class Simulator:
             self.cable.inputs.copy(),
             self._geometries,
             self._origin,
-            self._ends.waiting,
+            self._waiting,
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -1051,6 +1085,9 @@ class Simulator:
         self.cable.state[:] = snapshot.state
         self.cable.inputs[:] = snapshot.inputs
         self._ends.restored(snapshot.waiting)
+        names = {obstacle.name for obstacle in self.scene.bodies}
+        waiting = {name: snapshot.waiting[name] for name in snapshot.waiting if name in names}
+        self._later.replace(waiting)
 
     def reset(self) -> None:
         """Go back to the initial state."""
@@ -1168,7 +1205,8 @@ class Simulator:
     # -- another scene ----------------------------------------------------------------------------
 
     def reconfigured(self, scene: Scene) -> Simulator:
-        """A simulator of another scene that starts with this one's shape, motion and ends.
+        """A simulator of another scene that starts with this one's shape, motion and ends, and with
+        what its friction holds if the knots are the same.
 
         Loads are those of the scene; `set_load` must be called again. Building takes time: if this
         simulator has advanced meanwhile, let the new one `take_over` its state. Control points and
@@ -1195,16 +1233,22 @@ class Simulator:
         arguments.instance("other", other, Simulator, "one that runs")
         self.replace_added(other.scene.added)
         points, rates = other.cable.points, other.velocities
+        if len(other.model.axes) == 3:
+            self._need(self._needs.spatial(self.scene))
+        if points[:, 3].any():
+            self._need(self._needs.with_twist(self.scene))
         way = other._origin - self._origin
         points[:, :3] += way
         old, new = other.model, self.model
-        if not np.array_equal(new.knots, old.knots):
+        same = np.array_equal(new.knots, old.knots)
+        if not same:
             u = self.greville * (other.scene.cable.length / self.scene.cable.length)
             there = (bspline.evaluate(values, old.knots, u) for values in (points, rates))
             points, rates = (bspline.interpolate(new.knots, values) for values in there)
         self._ends.take_over(other._ends, other.time, other.cable.frame_turn, way)
-        if any(self._ends.twists(name) for name in self.scene.holders):
-            self._need(self._needs.with_twist(self.scene))
+        for name in self.scene.holders:
+            if self._ends.state_of(name)[0][ACTIVE]:
+                self._need(self._needs_moved(name))
         taking = self._take_over_grasps(other)
         for name, holder in self.scene.holders.items():
             at = self._geometries[name].u
@@ -1216,6 +1260,8 @@ class Simulator:
         self.cable.point_grasps(0.0)
         self.cable.put(points, rates, 0.0)
         self.cable.take_over_samples(other.cable)
+        if same:
+            self.cable.take_over_contact(other.cable)
         if self._natural.follows and not self._natural.equals(other._natural):
             self._lay_natural_shape()
         self.cable.flow()
@@ -1227,13 +1273,16 @@ class Simulator:
 
     def _take_over_obstacles(self, other: Simulator) -> None:
         """Continue the motions of the other simulator's obstacles."""
-        theirs = {one.name: k for k, one in enumerate(other.scene.bodies)}
+        names = {one.name for one in self.scene.bodies}
+        theirs = {one.name: k for k, one in enumerate(other.scene.bodies) if one.name in names}
         for obstacle, row in zip(self.scene.bodies, self.cable.obstacles, strict=False):
             before = other.cable.obstacles[theirs[obstacle.name] :][:1]
             if len(before) and before[0, ACTIVE]:
                 row[:] = before[0]
                 row[START] -= other.time
                 row[POSITION : POSITION + 3] += other._origin - self._origin
+        way = other._origin - self._origin
+        self._later.take_over(other._later.by_name, set(theirs), other.time, way)
         self.cable.place_obstacles(0.0)
 
     def _take_over_grasps(self, other: Simulator) -> list[str]:

@@ -1,0 +1,113 @@
+"""Motions of end effectors and obstacles that wait for their start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import one_rotation
+from dlo_sim.core.end_motion import EndMotion
+
+Array = NDArray[np.float64]
+Waiting = Mapping[str, tuple[EndMotion, ...]]
+"""End effector or obstacle -> its motions that have not begun, in their order."""
+
+
+class WaitingMotions:
+    """Motions that have not begun, by the name of what they move."""
+
+    def __init__(self) -> None:
+        self._next: dict[str, tuple[EndMotion, ...]] = {}
+
+    @property
+    def by_name(self) -> Waiting:
+        """A copy of all of them."""
+        return dict(self._next)
+
+    def of(self, name: str) -> tuple[EndMotion, ...]:
+        """Those of one name, in their order."""
+        return self._next.get(name, ())
+
+    def replace(self, waiting: Waiting) -> None:
+        """Let these wait instead."""
+        self._next = dict(waiting)
+
+    def take_over(self, waiting: Waiting, names: set[str], t: float, way: Array) -> None:
+        """Let those of another simulator with these names wait, whose time t [s] is 0 here, moved
+        by a vector (3,) [m].
+        """
+        self._next = {
+            name: tuple(motion.later(-t).moved(way) for motion in waiting[name])
+            for name in names & waiting.keys()
+        }
+
+    def drop(self, name: str) -> None:
+        """Drop those of a name."""
+        self._next.pop(name, None)
+
+    def keep(self, name: str, t: float, motion: EndMotion, moves: bool) -> bool:
+        """Keep a motion until its start, if until then something else moves at time t (`moves`) or
+        waits; returns whether it is kept. It replaces those that begin later.
+
+        What is at rest needs no waiting: it rests until the motion starts.
+        """
+        rests = not moves and not self.of(name)
+        if rests or motion.start <= t + _rounding(motion.start):
+            return False
+        earlier = (one for one in self.of(name) if one.start < motion.start)
+        self._next[name] = (*earlier, motion)
+        return True
+
+    def take_due(self, t: float) -> dict[str, EndMotion]:
+        """Those that start up to time t, the last one of each name; they wait no more."""
+        due = {}
+        for name, motions in list(self._next.items()):
+            begun = [one for one in motions if one.start <= t + _rounding(t)]
+            if begun:
+                due[name] = begun[-1]
+                self._next[name] = motions[len(begun) :]
+                if not self._next[name]:
+                    del self._next[name]
+        return due
+
+    def steps_until_begin(self, t: float, step: float) -> int | None:
+        """Number of whole steps [s] from time t until one begins; 0 if it does within the next
+        step, None if none waits.
+        """
+        starts = [motions[0].start for motions in self._next.values()]
+        return int((min(starts) - t + _rounding(t)) / step) if starts else None
+
+    def leading(
+        self, t: float, step: float, pose: Callable[[str, float], tuple[Array, Array]]
+    ) -> dict[str, EndMotion]:
+        """Of those that begin within the step from time t, a motion from the present pose to where
+        it is at the end of the step: with constant acceleration, to the position and velocity
+        there.
+        """
+        until, found = t + step, {}
+        for name, motions in self._next.items():
+            begun = [one for one in motions if one.start < until - _rounding(until)]
+            if not begun:
+                continue
+            place, turned = pose(name, t)
+            there, facing = begun[-1].position_at(until), begun[-1].orientation_at(until)
+            turn = np.array(one_rotation.turn_between(turned.tolist(), facing.tolist()))
+            path = _parabola(place, there - place, begun[-1].velocity_at(until), step)
+            spin = _parabola(turn, turn, begun[-1].angular_velocity_at(until), step)[1:]
+            found[name] = EndMotion.from_coefficients(t, step, path, turned, spin)
+        return found
+
+
+def _rounding(t: float) -> float:
+    """Two times near t that are closer than this to each other [s] are the same."""
+    return 1e-12 * max(abs(t), 1e-3)
+
+
+def _parabola(first: Array, way: Array, last_rate: Array, duration: float) -> Array:
+    """Coefficients (3, 3) of the parabola that begins at `first`, covers `way` within a duration
+    [s] and has the rate `last_rate` at its end.
+    """
+    mean = way / duration
+    return np.stack((first, 2.0 * mean - last_rate, (last_rate - mean) / duration))
