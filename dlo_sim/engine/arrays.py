@@ -324,6 +324,9 @@ class Work(Group):
         "matrix_known",  # 1 while the factors of `methods.rattle` are those of the present one
         "power",  # of the grasps at the present state [W] (`methods.runge_kutta`)
         "coupled",  # where the factors of the step are: IN_STATE, IN_SKYLINE or IN_ROLLING_BAND
+        "touched",  # changes with what touches and slides, at the last forces (`contact.add_force`)
+        *("contact_work", "contact_loss"),  # of the step [J] (`contact.look`)
+        *("contact_sane", "contact_deep"),  # 1: nothing passed through; samples near a middle
         "pair_loss",  # of the last `self_contact.add_force` [J]
         "pair_work",  # of the diameter that grows back, likewise [J]
         "pairs_beyond",  # for which there is no room in this step

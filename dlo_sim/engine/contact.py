@@ -598,7 +598,7 @@ def friction(law, stiff, n, dy, z, p):
 
 
 @piece(
-    *((float64, float64, float64, boolean, float64), CABLE, float64, float64, float64),
+    *((float64, float64, float64, boolean, float64, float64), CABLE, float64, float64, float64),
     *(boolean, boolean, LINES, LINES, LINES),
     terms=CONTACT,
 )
@@ -612,10 +612,12 @@ def add_force(cable, springs, rate, most, rubs, waits, x0, x1, out):
 
     Returns:
         Work of the obstacles [J], energy put into the bristles [J], loss [J], whether no sample may
-        have passed through an obstacle, and how many are near the middle of one.
+        have passed through an obstacle, how many are near the middle of one, and a number that
+        changes with what touches and, without the twist, what slides.
     """
     contact, state, work = cable.contact, cable.state, cable.work
     worked, kept, lost, jumps, depths = zero(), zero(), zero(), zero(), zero()
+    touched = zero()
     begun, middle = (BEGUN, MIDDLE) if rate > 0.0 else (ENDED, END)
     for o in range(contact.count):
         law, pose = contact.law[o], state.pose[o]
@@ -642,6 +644,8 @@ def add_force(cable, springs, rate, most, rubs, waits, x0, x1, out):
             gaps, n, elastic, p, _, _, jumped, deep = pressure(cable, o, rate, here, there, dy)
             jumps += where(w, jumped, 0.0)
             depths += where(w, deep, 0.0)
+            mark = 1.0 + fabs(before[PLACE]) + fabs(before[PLACE + 1])
+            touched += where(p, mark, 0.0) + where(gaps[1], 0.7 * mark, 0.0)
             lost += w * (p - elastic) * (gaps[0] - gaps[1])
             pressed = p - (1.0 - springs) * elastic
             worked += w * grown * pressed
@@ -664,6 +668,8 @@ def add_force(cable, springs, rate, most, rubs, waits, x0, x1, out):
                         keep_for_twist(cable, o, g, free, lever, law[FRICTION] * p)
                     else:
                         push_line(cable, g, cable.dim, w * moment, out)
+                else:
+                    touched += where(p, where(1.0 - share, 1.7 * mark, 0.0), 0.0)
                 z1 = scaled(1.0 / stiff[1], combined(rates, held, share, trial))
                 z1 = where(p, z1[0], 0.0), where(p, z1[1], 0.0), where(p, z1[2], 0.0)
                 change = combined(1.0, z1, -1.0, held)
@@ -680,7 +686,7 @@ def add_force(cable, springs, rate, most, rubs, waits, x0, x1, out):
             worked += w * (dot(on_lines, way) - dot(f, dy))
             push_samples(cable, g, scaled(w, on_lines), out)
     sane, deep = lane_sum(jumps) == 0.0, lane_sum(depths)
-    return lane_sum(worked), lane_sum(kept), lane_sum(lost), sane, deep
+    return lane_sum(worked), lane_sum(kept), lane_sum(lost), sane, deep, lane_sum(touched)
 
 
 @part
@@ -1027,26 +1033,37 @@ def keep_bristles(cable):
         settle_yielding(cable, o, 1)
 
 
-@piece(boolean, CABLE, float64, LINES, LINES, LINES, LINES, terms=CONTACT)
-def accept(cable, tau, x0, x1, change, spare):
-    """Account for the contact in an implicit step from x0 to x1 = x0 + change that converged, and
-    keep its bristles; `spare` is overwritten.
+@piece(float64, CABLE, float64, LINES, LINES, LINES, terms=CONTACT)
+def look(cable, tau, x0, x1, spare):
+    """Find what the contact in an implicit step from x0 to x1 does, for `accept`; `spare` is
+    overwritten. Returns the number that changes with what touches and what slides.
+    """
+    found = add_force(cable, 1.0, 1.0 / tau, np.inf, YES, NO, x0, x1, spare)
+    results = cable.work.results
+    results.contact_work, results.contact_loss, results.contact_deep = found[0], found[2], found[4]
+    results.contact_sane = 1.0 if found[3] else 0.0
+    return found[5]
+
+
+@piece(boolean, CABLE, LINES, terms=CONTACT)
+def accept(cable, change):
+    """Account for the contact in an implicit step by this change that converged, at whose end
+    `look` has looked, and keep its bristles.
 
     Returns whether the step may stand: nothing passed through an obstacle, and all that came near
     one was looked at.
     """
-    balance = cable.state.balance
+    balance, results = cable.state.balance, cable.work.results
     way = largest_way(cable, change) + balance.contact_carried
     balance.contact_way += way
     if balance.contact_way > balance.contact_margin:
         balance.contact_margin = 0.0
         return False
-    worked, _, lost, sane, deep = add_force(cable, 1.0, 1.0 / tau, np.inf, YES, NO, x0, x1, spare)
-    if not sane:
+    if results.contact_sane == 0.0:
         return False
-    balance.contact_deep += deep
-    balance.drive_work += worked
-    balance.dissipated += lost
+    balance.contact_deep += results.contact_deep
+    balance.drive_work += results.contact_work
+    balance.dissipated += results.contact_loss
     keep_bristles(cable)
     return True
 
@@ -1107,7 +1124,7 @@ def dissipate(cable, tau):
     x0, x1, w, out = cable.work.start, cable.state.x, cable.state.w, cable.work.change
     clear(out)
     most = KICK * cable.contact.density / (tau * tau)
-    worked, kept, _, sane, deep = add_force(cable, 0.0, 1.0 / tau, most, YES, NO, x0, x1, out)
+    worked, kept, _, sane, deep, _ = add_force(cable, 0.0, 1.0 / tau, most, YES, NO, x0, x1, out)
     before = kinetic(cable, w)
     solve_mass(cable, out)
     if cable.rows.count:

@@ -297,7 +297,8 @@ def step_force(cable, t0, tau, discrete):
     if cable.terms & CONTACT:
         waits = cable.terms & ROLLING != 0
         start, x = work.start, cable.state.x
-        contact.add_force(cable, 1.0, 1.0 / tau, np.inf, YES, waits, start, x, force)
+        found = contact.add_force(cable, 1.0, 1.0 / tau, np.inf, YES, waits, start, x, force)
+        work.results.touched = found[5]
     if cable.terms & SELF:
         self_contact.add_force(cable, 1.0, 1.0 / tau, np.inf, YES, cable.state.x, force)
     spring_force(cable, middle, 0.5, NO, force)
@@ -730,6 +731,7 @@ def try_step(cable, method, t0, tau, whole, level):
     stalls = 0  # successive stalled corrections
     known = np.int64(0)  # corrections since the matrix was factorised
     lost, floor = 0.0, 0.0
+    touched = 0.0  # what touched at the last forces
     # Share of the flow at the configuration at which the forces of the step are evaluated.
     balance.slip = 0.5 if discrete else 1.0
     while True:
@@ -759,16 +761,20 @@ def try_step(cable, method, t0, tau, whole, level):
         stalls = stalls + 1 if energy > STALLED * previous else 0
         # The correction is expected to reduce the energy error by the factor `shrinking`.
         shrinking = 1.0
-        if share == 1.0 and iterations > 1:
+        # That of before says nothing once something else touches or slides.
+        if share == 1.0 and iterations > 1 and work.results.touched == touched:
             shrinking = max(np.sqrt(energy / previous), SMALLEST_SHRINKING)
             if iterations == 2:
                 balance.matrix_shrinking = shrinking
-        elif made == 0:
+        elif made == 0 and iterations == 1:
             shrinking = balance.matrix_shrinking
-        share = 1.0
+        share, touched = 1.0, work.results.touched
         exhausted = moved <= ROUND_OFF * reach or (stalls > 1 and moved <= NOISE * reach)
         allowed = allowed_error(balance, tolerance, inertia)
         converged = exhausted or min(SAFETY * shrinking, 1.0) * defect <= allowed
+        if converged and cable.terms & CONTACT:
+            after = contact.look(cable, tau, work.start, cable.state.x, work.rate)
+            converged = exhausted or after == touched
         if exhausted:
             # Corrections are round-off: the energy balance cannot be more accurate than this.
             floor = RESOLUTION * defect
@@ -788,7 +794,9 @@ def try_step(cable, method, t0, tau, whole, level):
         converged = self_contact.sane(cable, tau, start, x, work.change, level >= last)
     if converged and cable.terms & CONTACT:
         start, x = work.start, cable.state.x
-        converged = contact.accept(cable, tau, start, x, work.change, work.rate)
+        if cable.terms & ROLLING:  # with the twist of the last forces
+            contact.look(cable, tau, start, x, work.rate)
+        converged = contact.accept(cable, work.change)
     if converged:
         if cable.terms & SELF:
             self_contact.keep(cable)
