@@ -288,6 +288,7 @@ class State(Group):
         "near_margin",  # by which control points may move until these are found anew [m]
         "near_way",  # by how much they moved since, relative to each other [m]
         "near_turn",  # by how much edges between them changed since, in their lengths
+        "near_fold",  # 1 if this step may fold stretches that were straight
         "slip",  # share of the plastic flow of a step that its forces contain
     )
     natural = Lanes("curved_blocks", "samples", 4)  # weight EI kappa0 (3), rest twist [rad/m]

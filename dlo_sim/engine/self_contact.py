@@ -69,8 +69,8 @@ from dlo_sim.terms.vectors import combined, cross, dot
 BLUNT, LONGEST = 0.005, 2.0
 CONE = 0.8  # cosine to its first edge, of a stretch of the cable that cannot touch itself
 TURN = 0.1  # change of edges, in their lengths, until such stretches are looked for anew
-# Change of an edge, in its length, in a step that is repeated in halves: with FOLD at both ends a
-# stretch that is in its cone at the start cannot cross itself.
+# Change of an edge, in its length, up to which a stretch that is in its cone at the start of a step
+# cannot cross itself; else, as where a gripper jumps, the step is repeated with all stretches.
 FOLD = 0.4
 AHEAD = 8.0  # margin of `find_near` in motions that a step allows for
 ROOM, LEAST = 1.5, 0.1  # these, in expected motions, and of two spans in diameters
@@ -583,12 +583,13 @@ def find_near(cable, x, margin):
     points move by `margin`.
     """
     state, chain, count = cable.state, cable.chain, 0
+    folds = state.balance.near_fold > 0.0
     spans, most = cable.n - 3, len(state.near_pair)
     for a in range(spans):
         if chain.length[a] == 0.0:
             continue
         a0, a1, a2, size = hull(cable, x, a)
-        straight = not leaves_cone(cable, x, MARGIN + a + 1, MARGIN + a)
+        straight = not (folds or leaves_cone(cable, x, MARGIN + a + 1, MARGIN + a))
         straight = straight and not leaves_cone(cable, x, MARGIN + a + 1, MARGIN + a + 2)
         for b in range(a, spans):
             if b > a and straight:
@@ -705,7 +706,7 @@ def begin(cable, tau, x0, x1, change):
     way, turn = motion(cable, x0, x1)
     way = ROOM * way + 0.1 * LEAST * cable.chain.diameter
     cable.work.results.pairs_beyond = 0.0
-    known = balance.near_way + way < balance.near_margin
+    known = balance.near_fold == 0.0 and balance.near_way + way < balance.near_margin
     if not (known and balance.near_turn + turn < TURN):
         balance.near_margin = AHEAD * way
         balance.near_way = balance.near_turn = 0.0
@@ -722,7 +723,7 @@ def look(address):
     for d in range(change.shape[0]):
         for c in range(0, change.shape[1], LANES):
             store(change, d, c, 0.0)
-    balance.near_margin = balance.near_way = balance.near_turn = 0.0
+    balance.near_margin = balance.near_way = balance.near_turn = balance.near_fold = 0.0
     begin(cable, 0.0, x, x, change)
 
 
@@ -734,7 +735,10 @@ def looked_at_all(cable, x0, x1, change):
     """Whether the motion of a step was not longer than its pairs allow for."""
     balance, spans = cable.state.balance, cable.n - 3
     way, turn = motion(cable, x0, x1)
-    if turn > FOLD or not balance.near_way + way <= balance.near_margin:
+    if turn > FOLD and balance.near_fold == 0.0:
+        balance.near_fold = 1.0
+        return False
+    if not balance.near_way + way <= balance.near_margin:
         balance.near_margin = 0.0
         return False
     for k in range(int(balance.near_spans)):
@@ -832,9 +836,11 @@ def sane(cable, tau, x0, x1, change, last):
     """Whether a converged step of length tau from x0 to x1 = x0 + change may stand: all that came
     near was looked at, and nothing passed through itself. `last`: it may do so, and is counted.
     """
-    if not looked_at_all(cable, x0, x1, change):
-        return False
     beyond = cable.work.results.pairs_beyond
+    if not looked_at_all(cable, x0, x1, change):
+        if not last:
+            return False
+        beyond += 1.0
     if beyond > 0.0 and not last:  # fewer may touch in a shorter step
         return False
     cable.state.balance.pairs_lost += beyond
@@ -856,6 +862,8 @@ def keep(cable):
     """Account for a step that was `sane`, and keep its bristles."""
     state, count = cable.state, int(cable.state.balance.pairs)
     state.balance.pair_yield = state.balance.pair_yield_end
+    if state.balance.near_fold > 0.0:  # the next step looks anew, and leaves out what is straight
+        state.balance.near_fold = state.balance.near_margin = 0.0
     if count == 0:
         return
     state.balance.dissipated += cable.work.results.pair_loss

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dlo_sim.core import bspline
 from dlo_sim.engine.arrays import SELF, CableArrays
 from dlo_sim.engine.contact import RETURN, STIFFNESS
+from dlo_sim.engine.self_contact import LONGEST
 from dlo_sim.scene.description import EARTH, Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.arrays import to_blocks
@@ -259,6 +260,14 @@ def warnings(scene: Scene, cable: Cable, found: Contact | None) -> Iterator[str]
         lines.append(f"{account.pairs_lost:.0f} pairs of segments were left out")
     if lines:
         yield f"contact.self: {' and '.join(lines)}; use a smaller integrator.step"
+    segment = float(cable.arrays.chain.length.max())
+    if segment > LONGEST * diameter:
+        spans = (scene.discretization.control_points - bspline.DEGREE) * segment
+        needed = math.ceil(spans / (LONGEST * diameter)) + bspline.DEGREE
+        yield (
+            f"contact.self: its segments of {segment:.2g} m are coarse for a diameter of "
+            f"{diameter:.2g} m; raise discretization.control_points to {needed}, or the diameter"
+        )
     if account.overlap:
         yield (
             f"contact.self: the cable began up to {account.overlap:.3g} m inside itself, and is "
