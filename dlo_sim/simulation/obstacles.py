@@ -36,8 +36,9 @@ APART = 1.0  # distance of samples in reaches of the smallest obstacle
 # Penetration by the weight of the whole cable hung over an obstacle, in diameters. Planes, on
 # which only its own weight lies, have `description.DEPTH`.
 HUNG_DEPTH = 0.01
-# Penetration of a cable thrown at inputs.max_speed, in half the thickness of a body.
-THROWN_DEPTH = 0.4
+# Penetration by the mass on a body alone of a cable thrown at inputs.max_speed, in half the
+# thickness of the body. What flies on beside a small body pulls it in more than twice as deep.
+THROWN_DEPTH = 0.2
 # Of half the thickness of a body: so deep is near its middle. Samples a reach apart can cross a
 # thin body no deeper than half of it.
 MIDDLE = 0.6

@@ -19,13 +19,14 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.obstacles import THROWN_DEPTH, Contact, law, values_of_spans
+from dlo_sim.simulation.obstacles import Contact, law, values_of_spans
 
 Array = NDArray[np.float64]
 SEGMENT = 0.5  # length of a segment in diameters, of the longest span
 # Penetration by the weight of the whole cable on one segment, in diameters: less than into
 # obstacles, since the Newton matrix, which contains the couplings, makes stiff contact no dearer.
 HUNG_DEPTH = 0.0025
+THROWN_DEPTH = 0.4  # penetration of a cable thrown at inputs.max_speed, in diameters
 MOST_SEGMENTS = 16  # of a span
 APART = 1.6  # along the cable, in diameters: half the smallest ring that a round cable can form
 
