@@ -4,12 +4,13 @@ import argparse
 import dataclasses
 import importlib
 import shlex
+import sys
 from pathlib import Path
 
 from dlo_sim.batch.workers import WorkersError, open_workers
 from dlo_sim.cli.arguments import CommandError, Parser, add_scheduler_option, needing_plots
 from dlo_sim.cli.output import check_writable, print_json, print_rows, progress_bar
-from dlo_sim.studies import STUDIES, Request
+from dlo_sim.studies import STUDIES, PeerError, Request
 
 HELP = "run a study and write a report with figures and data"
 
@@ -31,6 +32,13 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--data", metavar="DIR", type=Path, help="folder of recordings, for validation"
     )
+    parser.add_argument(
+        "--peers",
+        metavar="PYTHON",
+        nargs="*",
+        help="for contact: also run MuJoCo, which these Python interpreters have (without any, the "
+        "present one); version 4 has other models of cables than version 3, so name one of each",
+    )
     add_scheduler_option(parser)
 
 
@@ -41,6 +49,11 @@ def run(options: argparse.Namespace) -> int:
     if options.data is not None:
         words += ["--data", options.data.name]
     words += ["--quick"] if options.quick else []
+    if options.peers is not None:
+        if options.name != "contact":
+            raise CommandError(f"--peers: study {options.name} has none; study contact has")
+        words += ["--peers", *options.peers]
+    peers = () if options.peers is None else tuple(options.peers) or (sys.executable,)
     no_figures = "study needs matplotlib; install dlo_sim with the extra 'plots'"
     try:
         with (
@@ -55,10 +68,11 @@ def run(options: argparse.Namespace) -> int:
                 workers,
                 options.data,
                 progress,
+                peers,
             )
             module = f"dlo_sim.studies.{options.name.replace('-', '_')}"
             outcome = importlib.import_module(module).run_study(request)
-    except WorkersError as refusal:
+    except (WorkersError, PeerError) as refusal:
         raise CommandError(str(refusal)) from None
     if options.json:
         print_json(dataclasses.asdict(outcome))

@@ -53,7 +53,7 @@ class Measured(NamedTuple):
 
     answers: tuple[Answer, ...]
     seconds: float
-    simulator: Simulator
+    simulator: Simulator | None
     loops: tuple[tuple[object, ...], ...] = ()
 
 

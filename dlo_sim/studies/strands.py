@@ -257,7 +257,8 @@ def plectoneme(points: int) -> Measured:
         sim.set_motion("end", moving)
         seconds += advanced(sim, duration)
     line = sim.centerline(np.linspace(0.0, COILED, 8 * points + 1))
-    coils = writhe(line)
+    far = np.array([[40.0 * COILED, 0.0, 0.0]])
+    coils = writhe(np.vstack((line[:1] - far, line, line[-1:] + far)))
     twist = float(np.diff(sim.control_points[[0, -1], 3])[0]) / (2.0 * math.pi)
     start, end = (float(sim.reaction(name)[1][0]) for name in ("start", "end"))
     load = COIL_WEIGHT * COILED * float(np.mean(0.5 * (line[1:, 1] + line[:-1, 1])))
@@ -275,12 +276,9 @@ def plectoneme(points: int) -> Measured:
 
 
 def writhe(line: Array) -> float:
-    """Writhe of a polygon (m, 3) whose ends go on straight along x: of all pairs of its edges, the
-    solid angle of the directions in which they are seen to cross, over 2 pi (Klenin and Langowski
-    2000, method 1a).
+    """Writhe of a polygon (m, 3): of all pairs of its edges, the solid angle of the directions in
+    which they are seen to cross, over 2 pi (Klenin and Langowski 2000, method 1a).
     """
-    far = np.array([[40.0 * COILED, 0.0, 0.0]])
-    line = np.vstack((line[:1] - far, line, line[-1:] + far))
     first, second = np.triu_indices(len(line) - 1, 2)
     begin, end = line[:-1], line[1:]
     corners = [

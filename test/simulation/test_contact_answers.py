@@ -5,7 +5,7 @@ import pytest
 from cables import simulator
 
 from dlo_sim.core import rotations
-from dlo_sim.studies import contact
+from dlo_sim.studies import bodies
 
 
 def middle(sim):
@@ -13,7 +13,7 @@ def middle(sim):
 
 
 def test_a_pulled_rod_sticks_below_the_friction():
-    sim = contact.pulled(3.8, 5e-4)
+    sim = bodies.pulled(3.8, 5e-4)
     before = middle(sim)
     elastic = 3.8 / sim.scene.contact_stiffness
     sim.advance(30.0)
@@ -36,42 +36,42 @@ def within(measured, allowed):
 @pytest.mark.parametrize("step", [1e-3, 1e-2])
 @pytest.mark.parametrize("force", [5.0, 8.0, 10.0])
 def test_a_rod_pulled_harder_slides(force, step):
-    within(contact.sliding(force, step), 0.01)
+    within(bodies.sliding(force, step), 0.01)
 
 
 @pytest.mark.parametrize("clamped", [True, False])
 def test_a_lifted_end_carries_what_it_lifts(clamped):
-    found = contact.lifted(clamped, 40)
+    found = bodies.lifted(clamped, 40)
     within(found, 0.005)
     # what the end does not carry lies on the table
     carried = found.answers[1].value
     lies = found.simulator.contact("table").force[2]
-    assert lies == pytest.approx(0.6 * contact.WEIGHT - carried, rel=1e-6)
+    assert lies == pytest.approx(0.6 * bodies.WEIGHT - carried, rel=1e-6)
 
 
 @pytest.mark.parametrize(
     ("wrap", "ratio", "points"), [(0.5, 1.602, 43), (1.0, 2.566, 83), (2.0, 6.586, 166)]
 )
 def test_a_capstan_holds_by_its_friction(wrap, ratio, points):
-    found = contact.capstan(wrap * np.pi, points)
+    found = bodies.capstan(wrap * np.pi, points)
     assert found.answers[0].exact == pytest.approx(ratio, rel=1e-3)
     within(found, 0.01)
 
 
 def test_a_conveyor_drags_what_one_end_holds():
-    within(contact.conveyor(1e-3), 0.01)
+    within(bodies.conveyor(1e-3), 0.01)
 
 
 def test_an_explicit_method_feels_the_conveyor_too():
-    (answer,) = contact.conveyor(0.0, "velocity_verlet").answers
+    (answer,) = bodies.conveyor(0.0, "velocity_verlet").answers
     assert abs(answer.error) < 0.03
 
 
 def test_an_explicit_method_slides_and_sticks_alike():
-    sim = contact.pulled(8.0, 0.0, "velocity_verlet")
+    sim = bodies.pulled(8.0, 0.0, "velocity_verlet")
     sim.advance(1.0)
     assert sim.energy().kinetic == pytest.approx(8.3232, rel=0.01)
-    sim = contact.pulled(3.8, 0.0, "velocity_verlet")
+    sim = bodies.pulled(3.8, 0.0, "velocity_verlet")
     before = middle(sim)
     sim.advance(1.0)
     assert abs(middle(sim) - before)[0] < 3.8 / sim.scene.contact_stiffness + 1e-6
@@ -79,13 +79,13 @@ def test_an_explicit_method_slides_and_sticks_alike():
 
 @pytest.mark.parametrize("share", [0.995, 1.005])
 def test_it_slides_down_a_slope_beyond_the_friction_angle_only(share):
-    angle = np.arctan(contact.ROD_FRICTION * share)
+    angle = np.arctan(bodies.ROD_FRICTION * share)
     up = np.array([-np.sin(angle), 0.0, np.cos(angle)])
     along = np.array([np.cos(angle), 0.0, np.sin(angle)])
     start = (0.025 - 0.05e-3 * np.cos(angle)) * up
     turned = rotations.from_rotation_vector(np.array([0.0, -angle, 0.0]))
     sim = simulator(
-        contact.ROD,
+        bodies.ROD,
         {
             "obstacles.table.orientation": turned.tolist(),
             "start.position": start.tolist(),
@@ -98,7 +98,7 @@ def test_it_slides_down_a_slope_beyond_the_friction_angle_only(share):
     before = middle(sim) @ along
     sim.advance(5.0)
     slid = before - middle(sim) @ along
-    pull = 9.8 * (np.sin(angle) - contact.ROD_FRICTION * np.cos(angle))
+    pull = 9.8 * (np.sin(angle) - bodies.ROD_FRICTION * np.cos(angle))
     if share < 1.0:
         assert abs(slid) < 1e-9
     else:

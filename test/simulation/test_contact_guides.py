@@ -10,7 +10,7 @@ from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.obstacles import surface
-from dlo_sim.studies import contact
+from dlo_sim.studies import bodies
 
 TURNED = [0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)]  # its z axis is along x
 # A soft cable along x, through an opening in the middle of it.
@@ -55,7 +55,7 @@ def test_a_ring_is_a_capstan():
         "obstacles.drum.orientation": TURNED,
         "obstacles.drum.position": [0.0, 0.0, 0.15],
     }
-    found = contact.capstan(0.5 * math.pi, 43, ring)
+    found = bodies.capstan(0.5 * math.pi, 43, ring)
     assert abs(found.answers[0].error) < 0.01
     assert found.simulator.energy_error < 1e-4
     sim, pulls = found.simulator, []

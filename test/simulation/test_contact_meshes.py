@@ -15,7 +15,7 @@ from dlo_sim.scene.loading import SceneError, load_scene
 from dlo_sim.session import cdr
 from dlo_sim.session.outputs import Outputs
 from dlo_sim.simulation import meshes
-from dlo_sim.studies import contact
+from dlo_sim.studies import bodies
 
 RADIUS = 0.005
 LYING = {
@@ -71,7 +71,7 @@ def test_a_meshed_drum_is_a_capstan():
         "terms.out_of_plane": "auto",
         "terms.twist": "off",
     }
-    (answer,) = contact.capstan(0.5 * math.pi, 43, drum).answers
+    (answer,) = bodies.capstan(0.5 * math.pi, 43, drum).answers
     assert abs(answer.error) < 0.01
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from dlo_sim.batch.workers import HERE
 from dlo_sim.studies import Request, contact
-from dlo_sim.studies.contact import TESTS, run_study
+from dlo_sim.studies.contact import PANELS, run_study
 from dlo_sim.studies.known_answers import Answer, Measured
 
 
@@ -21,7 +21,11 @@ def studied(folder, shares=None):
 def test_every_known_answer_is_met(tmp_path):
     shares = []
     outcome, rows = studied(tmp_path, shares)
-    assert set(outcome.verdicts) == set(TESTS) == {row["test"] for row in rows}
+    assert (
+        set(outcome.verdicts)
+        == {name for those in PANELS.values() for name in those}
+        == {row["test"] for row in rows}
+    )
     assert all(verdict.startswith("meets: ") for verdict in outcome.verdicts.values())
     assert shares[-1] == 1.0 and (tmp_path / "contact_cost.png").is_file()
     last = {row["test"]: row["resolution"] for row in rows}
@@ -46,7 +50,8 @@ def test_a_test_that_misses_or_fails_says_so(tmp_path, monkeypatch):
     still, crept = Answer("crept [m]", 0.0, 0.0, 0.0), Answer("crept [m]", 0.0, -1e-8, 1e-9)
     tests = {"good": (good, still), "off": (good, off, still), "crept": (good, crept)}
     known = {name: (measured(answers), (1e-3,), ()) for name, answers in tests.items()}
-    monkeypatch.setattr(contact, "TESTS", known | {"fails": (fails, (1e-3,), ())})
+    known["fails"] = fails, (1e-3,), ()
+    monkeypatch.setattr(contact, "PANELS", {"panel": known})
     outcome, rows = studied(tmp_path)
     assert outcome.verdicts == {
         "good": "meets: force [N] off by 0.5 %, allowed 1 %, in 0.1 s",

@@ -1,8 +1,9 @@
 """Cables of MuJoCo that touch things: reads jobs (JSON, stdin) and prints a result for each.
 
-Run by a Python interpreter that has MuJoCo; nothing of dlo_sim is imported. A cable of n links is
-built straight along x from the end that a cart may carry, and bent into its initial shape through
-the joint coordinates. Its models:
+A script that `contact_peers` runs with a Python interpreter that has MuJoCo; nothing of dlo_sim is
+imported, and MuJoCo only here and by `main`. A cable of n links is built straight along x from the
+end that a cart may carry, and bent into its initial shape through the joint coordinates. Its
+models:
     composite: MuJoCo 3's composite cable, capsules on ball joints with the elasticity plugin, whose
         stiffness is integrated explicitly.
     flex: MuJoCo 4's one-dimensional flex, a discrete elastic rod whose vertices slide in the plane
@@ -11,12 +12,18 @@ the joint coordinates. Its models:
 Stiffness is implicit in the last two, with the integrator `discrete`.
 """
 
+from __future__ import annotations
+
+import importlib
 import json
 import sys
 import time
+from typing import Any
 
-import mujoco
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+mujoco: Any = None  # set by `main`: the interpreter that runs dlo_sim may not have it
 
 INERTIA = 1e5  # [kg] of the cart, whose speed is prescribed
 SOFT_TWIST = 1e6  # [Pa]; nothing twists, and the true stiffness would require smaller steps
@@ -30,7 +37,7 @@ SLIDES = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>'
 class Cable:
     """The cable of a job in motion; `run` once."""
 
-    def __init__(self, job):
+    def __init__(self, job: dict[str, Any]) -> None:
         self.job, self.step, self.held = job, job["step"], job["held"]
         self.path = np.array(job["path"])
         self.link = np.linalg.norm(self.path[1] - self.path[0])
@@ -59,24 +66,24 @@ class Cable:
         self._bend()
         self._drive(0.0)
 
-    def _direction(self, k):
+    def _direction(self, k: int) -> NDArray[np.float64]:
         """Of a link."""
         return (self.path[k + 1] - self.path[k]) / self.link
 
-    def _cart(self, inside):
+    def _cart(self, inside: str) -> str:
         """A cable in a cart that slides where it is drawn; a free one without a cart."""
         if self.held == "free":
             return inside
         return f"""<body name="cart"><inertial {LIGHT}/><joint name="cart" type="slide"
             axis="{text(self.job["velocity"])}" armature="{INERTIA}"/>{inside}</body>"""
 
-    def _geom(self):
+    def _geom(self) -> str:
         """Attributes of a link, which touches nothing but the ground."""
         job = self.job
         return f"""type="capsule" size="{job["radius"]}" mass="{job["mu"] * self.link:.12g}"
             contype="0" conaffinity="1" {self.touch}"""
 
-    def _hinges(self):
+    def _hinges(self) -> tuple[str, str, str, str]:
         job, link = self.job, self.link
         spring = job["EI"] / link
         begun = {"free": SLIDES + HINGE.format(""), "clamped": "", "pinned": HINGE.format("")}
@@ -90,7 +97,7 @@ class Cable:
                 <geom fromto="0 0 0 {link:.12g} 0 0" {self._geom()}/>{chain}</body>"""
         return "", self._cart(chain), "", "last"
 
-    def _composite(self):
+    def _composite(self) -> tuple[str, str, str, str]:
         job = self.job
         modulus = job["EI"] / (0.25 * np.pi * job["radius"] ** 4)
         initial = {"free": "free", "clamped": "none", "pinned": "ball"}[self.held]
@@ -105,11 +112,11 @@ class Cable:
             cable = f'<body pos="{self.first:.12g} 0 0">{cable}</body>'
         return PLUGIN, self._cart(cable), "", "cS_last"
 
-    def _carried(self):
+    def _carried(self) -> int:
         """Number of vertices of a flex in the cart."""
         return {"free": 0, "pinned": 1, "clamped": 2}[self.held]
 
-    def _flex(self):
+    def _flex(self) -> tuple[str, str, str, str]:
         job, link, n, carried = self.job, self.link, self.job["n"], self._carried()
         places = np.outer(self.first + np.arange(n + 1) * link, [1.0, 0.0, 0.0])
         balls = ""
@@ -129,7 +136,7 @@ class Cable:
             </deformable><equality><flex flex="cable" {self.stiff}/></equality>"""
         return "", self._cart("") + balls, tail, f"s{n}"
 
-    def _bend(self):
+    def _bend(self) -> None:
         """Set the joint coordinates such that the links lie on the path."""
         q, model, plane = self.data.qpos, self.job["model"], [0, 2]
         if model == "flex":
@@ -150,13 +157,13 @@ class Cable:
             half, zero = 0.5 * turns, np.zeros(len(turns))
             q[-4 * len(turns) :] = np.ravel(np.array([np.cos(half), zero, np.sin(half), zero]).T)
 
-    def _drive(self, now):
+    def _drive(self, now: float) -> None:
         """Prescribe the speed of the cart."""
         if self.held != "free":
             drawn = now < self.job["drawn"] - 0.5 * self.step
             self.data.joint("cart").qvel = drawn * np.linalg.norm(self.job["velocity"])
 
-    def _measure(self):
+    def _measure(self) -> list[float]:
         """What the job asks for, from the contact forces on the cable."""
         job, data, force, moment = self.job, self.data, np.zeros(3), 0.0
         if job["measured"] == "kinetic energy":
@@ -178,7 +185,7 @@ class Cable:
         values = [weight - force[2], 0.5 * weight * length - moment]
         return values[: 2 if self.held == "clamped" else 1]
 
-    def run(self):
+    def run(self) -> tuple[list[float], float]:
         """Mean of the measured values after `settled` [s], and processor time of the steps [s]."""
         job, seconds, found = self.job, 0.0, []
         chunk = max(1, round(job["every"] / self.step))
@@ -195,13 +202,15 @@ class Cable:
         return np.mean(found, axis=0).tolist(), seconds
 
 
-def text(numbers):
+def text(numbers: ArrayLike) -> str:
     """Numbers for MuJoCo's XML."""
     return " ".join(f"{number:.12g}" for number in np.ravel(numbers))
 
 
-def main():
+def main() -> None:
     """Repeat every job within its time budget; the reply has a message if a run failed."""
+    global mujoco
+    mujoco = importlib.import_module("mujoco")
     for job in json.load(sys.stdin):
         values: list[float] = []
         seconds: list[float] = []

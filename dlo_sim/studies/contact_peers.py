@@ -1,11 +1,8 @@
-"""MuJoCo on the sliding rod, lifted ends and capstans of `dlo_sim study contact`, and our run time.
+"""MuJoCo on the tests of `study contact` that it can run: rod, lifted ends, capstans; `--peers`.
 
-    python test/benchmarks/contact_peers.py FOLDER [--quick]
-
-writes a report into the folder: error against run time of every model with its settings, and the
-fastest setting of dlo_sim whose error is not larger. MuJoCo runs as a child process
-(`contact_peer.py`); DLO_SIM_MUJOCO3_PYTHON (a Python with `mujoco<4`) and DLO_SIM_MUJOCO4_PYTHON
-(`mujoco>=4`) name its interpreters. A generation whose variable is not set is not measured.
+Error against run time of every model of MuJoCo with its settings, and the fastest setting of
+dlo_sim whose error is not larger. MuJoCo is no dependency: it runs as a child process of the Python
+interpreters that the user names (`contact_mujoco.py`).
 
 Each test has variants (forces, lifts, coefficients of friction), and the error of a setting is the
 largest of them, so that a setting is not judged by an error that happens to pass through zero.
@@ -13,9 +10,11 @@ largest of them, so that a setting is not judged by an error that happens to pas
 
 from __future__ import annotations
 
+import json
 import math
 import os
-import sys
+import subprocess
+import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from itertools import product
@@ -23,10 +22,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from peers import replies
 
-from dlo_sim.batch.workers import HERE
-from dlo_sim.studies import Request, contact
+from dlo_sim.studies import PeerError, bodies
+from dlo_sim.studies.known_answers import Answer, Measured
 from dlo_sim.studies.report import Report
 
 FORCES = (5.0, 8.0, 10.0)  # [N]
@@ -34,13 +32,73 @@ LIFTS = (3e-3, 4e-3, 5e-3)  # [m]; at 5 mm the exact answers, of small slopes, h
 FRICTIONS = (0.2, 0.3, 0.4)
 WORST = 0.05  # relative; a larger error is not an answer
 REPEATS = 3
-PYTHONS = {"MuJoCo 3": "DLO_SIM_MUJOCO3_PYTHON", "MuJoCo 4": "DLO_SIM_MUJOCO4_PYTHON"}
-# Hinges take the same time in both generations.
-MODELS = {"MuJoCo 3": ("composite",), "MuJoCo 4": ("flex", "hinges")}
+QUICK = 5  # settings of each model on a test in a quick study
+TIMEOUT = 900.0  # [s] for all runs of a model on a test
+SCRIPT = Path(__file__).with_name("contact_mujoco.py")
+OLD, NEW = ("composite",), ("flex", "hinges")  # models of MuJoCo before version 4, and since
 DEFAULT, HARD = "0.9 0.95 0.001", "0.99 0.9999 0.0001"  # solimp of MuJoCo, and a stiffer one
 DEFAULT_TIME = 0.02  # [s], time constant of MuJoCo's contacts
 
 Job = dict[str, Any]
+
+
+class Peer(NamedTuple):
+    """A Python interpreter and its version of MuJoCo."""
+
+    python: str
+    version: str
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """The models of `contact_mujoco` that it has."""
+        return OLD if int(self.version.partition(".")[0]) < 4 else NEW
+
+
+def find(pythons: Iterable[str]) -> list[Peer]:
+    """Interpreters with the MuJoCo that they have.
+
+    Raises:
+        PeerError: one cannot run, or has none; in one line with the cure.
+    """
+    found = []
+    for python in pythons:
+        code = "import mujoco; print(); print(mujoco.__version__)"
+        try:
+            done = subprocess.run([python, "-c", code], capture_output=True, text=True, timeout=60)
+        except (OSError, subprocess.TimeoutExpired) as failure:
+            raise PeerError(f"--peers {python}: {failure}; name a Python interpreter") from None
+        if done.returncode:
+            said = done.stderr.strip().rpartition("\n")[2] or f"exit status {done.returncode}"
+            cure = f"run `{python} -m pip install mujoco`, or name a Python that has it"
+            raise PeerError(f"--peers {python}: it cannot import mujoco ({said}); {cure}")
+        found.append(Peer(python, done.stdout.split()[-1]))
+    return found
+
+
+def replies(
+    python: str, command: Sequence[str], jobs: Sequence[Job]
+) -> tuple[list[dict[str, Any]], str]:
+    """Results of jobs that a script runs with its arguments, and what went wrong if there are
+    fewer.
+    """
+    try:
+        # MuJoCo writes a log to its working directory.
+        with tempfile.TemporaryDirectory(prefix="dlo_sim_") as folder:
+            done = subprocess.run(
+                [python, *command],
+                input=json.dumps(jobs),
+                capture_output=True,
+                text=True,
+                timeout=TIMEOUT,
+                cwd=folder,
+                env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+            )
+    except (OSError, subprocess.TimeoutExpired) as failure:
+        return [], type(failure).__name__
+    # Libraries may print lines of their own.
+    lines = [line for line in done.stdout.splitlines() if line.startswith('{"version"')]
+    said = done.stderr.strip().splitlines()[-1:] or ["no answer"]
+    return [json.loads(line) for line in lines], said[0] if len(lines) < len(jobs) else ""
 
 
 class Run(NamedTuple):
@@ -62,7 +120,7 @@ class Test(NamedTuple):
     """
 
     name: str
-    variants: Sequence[tuple[Callable[[int, float], contact.Measured], Callable[[int], Job]]]
+    variants: Sequence[tuple[Callable[[int, float], Measured], Callable[[int], Job]]]
     points: tuple[int, ...]
     steps: tuple[float, ...]
     elements: tuple[int, ...]
@@ -72,39 +130,39 @@ class Test(NamedTuple):
 
 
 def rod(force: float, n: int) -> Job:
-    """A rod that is pulled along a table for 1 s; see `contact.sliding`."""
+    """A rod that is pulled along a table for 1 s; see `bodies.sliding`."""
     stiffness = 1e7 * 0.05**2 / 16.0  # of the round section with this axial stiffness
     path = np.outer(np.arange(n + 1) / n, [1.0, 0.0, 0.0]) + [0.0, 0.0, 0.025]
     job = {"held": "free", "path": path.tolist(), "radius": 0.025, "mu": 1.0, "EI": stiffness}
     job |= {
-        "gravity": contact.ROD_GRAVITY,
-        "friction": contact.ROD_FRICTION,
+        "gravity": bodies.ROD_GRAVITY,
+        "friction": bodies.ROD_FRICTION,
         "force": [force, 0, 0],
     }
     return job | {"duration": 1.0, "settled": 0.5, "every": 1.0, "measured": "kinetic energy"}
 
 
 def lying(clamped: bool, lift: float, n: int) -> Job:
-    """A lying cable whose end is lifted within 0.5 s, 5.5 s later; see `contact.lifted`."""
+    """A lying cable whose end is lifted within 0.5 s, 5.5 s later; see `bodies.lifted`."""
     link = 0.6 / (n - 0.5 * clamped)
     along = (np.arange(n + 1) - 0.5 * clamped) * link
     path = np.outer(along, [1.0, 0.0, 0.0]) + [0.0, 0.0, 0.0025]
     job = {"held": "clamped" if clamped else "pinned", "path": path.tolist(), "radius": 0.0025}
-    job |= {"mu": contact.WEIGHT / 9.81, "EI": contact.EI, "gravity": 9.81}
+    job |= {"mu": bodies.WEIGHT / 9.81, "EI": bodies.EI, "gravity": 9.81}
     job |= {"velocity": [0.0, 0.0, lift / 0.5], "drawn": 0.5}
     return job | {"duration": 6.0, "settled": 5.5, "every": 0.1, "measured": "lift"}
 
 
 def belt(wrap: float, friction: float, n: int) -> Job:
-    """A cable drawn over a drum against 1 N; see `contact.capstan`."""
-    length, place = contact.wound(wrap)
+    """A cable drawn over a drum against 1 N; see `bodies.capstan`."""
+    length, place = bodies.wound(wrap)
     path = np.array([place(u) for u in np.linspace(0.0, length, n + 1)])
     ways = np.diff(path, axis=0)
     ways *= (length / n / np.linalg.norm(ways, axis=1))[:, None]  # links of equal lengths
     path[1:] = path[0] + np.cumsum(ways, axis=0)
     pull = [math.cos(0.5 * wrap), 0.0, -math.sin(0.5 * wrap)]
-    job = {"held": "pinned", "path": path.tolist(), "radius": contact.THICK, "mu": 0.05, "EI": 1e-6}
-    job |= {"gravity": 0.0, "friction": friction, "drum": contact.DRUM, "force": pull}
+    job = {"held": "pinned", "path": path.tolist(), "radius": bodies.THICK, "mu": 0.05, "EI": 1e-6}
+    job |= {"gravity": 0.0, "friction": friction, "drum": bodies.DRUM, "force": pull}
     job |= {"velocity": [-0.02 * pull[0], 0.0, 0.02 * pull[2]], "drawn": 3.0}
     return job | {"duration": 3.0, "settled": 1.8, "every": 0.01, "measured": "pull"}
 
@@ -161,27 +219,28 @@ def all_tests() -> list[Test]:
     return tests
 
 
-def _sliding(force: float, _points: int, step: float) -> contact.Measured:
-    return contact.sliding(force, step)
+def _sliding(force: float, _points: int, step: float) -> Measured:
+    return bodies.sliding(force, step)
 
 
-def _lifted(clamped: bool, lift: float, points: int, step: float) -> contact.Measured:
-    return contact.lifted(clamped, points, step, lift)
+def _lifted(clamped: bool, lift: float, points: int, step: float) -> Measured:
+    return bodies.lifted(clamped, points, step, lift)
 
 
-def _capstan(wrap: float, friction: float, points: int, step: float) -> contact.Measured:
-    return contact.capstan(wrap, points, step=step, friction=friction)
+def _capstan(wrap: float, friction: float, points: int, step: float) -> Measured:
+    return bodies.capstan(wrap, points, step=step, friction=friction)
 
 
-def _forces(found: contact.Measured) -> list[contact.Answer]:
-    """Answers that the contact forces of MuJoCo give, too."""
-    return [answer for answer in found.answers if not answer.quantity.startswith("length")]
+def _forces(found: Measured) -> list[Answer]:
+    """Answers that MuJoCo gives, too: of lifted ends from its contact forces."""
+    ours_alone = "length [m]", "touch-down [N]"
+    return [answer for answer in found.answers if answer.quantity not in ours_alone]
 
 
 def own_runs(test: Test, quick: bool) -> list[Run]:
     """All our settings on a test."""
     runs = []
-    for points, step in list(product(test.points, test.steps))[: 2 if quick else None]:
+    for points, step in sample(list(product(test.points, test.steps)), quick):
         error, seconds = 0.0, 0.0
         for measure, _ in test.variants:
             repeats = [measure(points, step) for _ in range(REPEATS)]
@@ -190,6 +249,11 @@ def own_runs(test: Test, quick: bool) -> list[Run]:
         words = f"{points} control points, {1e3 * step:g} ms"
         runs.append(Run("dlo_sim", words, error, seconds))
     return runs
+
+
+def sample(choices: Sequence[Any], quick: bool) -> Sequence[Any]:
+    """All settings, or for a quick study about QUICK, evenly among them."""
+    return choices[:: math.ceil(len(choices) / QUICK)] if quick else choices
 
 
 def settings(test: Test, model: str) -> Iterable[Job]:
@@ -204,45 +268,39 @@ def settings(test: Test, model: str) -> Iterable[Job]:
             yield one | {"time_constant": constant} | choice
 
 
-def peer_runs(test: Test, quick: bool, absent: list[str]) -> list[Run]:
+def peer_runs(test: Test, peers: Sequence[Peer], quick: bool, absent: list[str]) -> list[Run]:
     """All models of MuJoCo on a test; what failed is added to `absent`."""
     exact = [[one.exact for one in _forces(measure(30, 1e-2))] for measure, _ in test.variants]
     common = {"drum": 0.0, "force": [0, 0, 0], "velocity": [0, 0, 0], "drawn": 0.0, "friction": 0.0}
     runs = []
-    for name, variable in PYTHONS.items():
-        python = os.environ.get(variable, "")
-        if not python:
-            absent.append(f"{name} on {test.name} ({variable} does not name a Python that has it)")
-            continue
-        for model in MODELS[name]:
-            tried = list(settings(test, model))[: 2 if quick else None]
-            jobs = [
-                {**common, **one, "repeats": REPEATS, "budget": 0.1, **variant(one["n"])}
-                for one in tried
-                for _, variant in test.variants
-            ]
-            for job in jobs:
-                job["dimensions"] = 3 if job["friction"] else 1
-                job["every"] = max(job["every"], job["step"])
-            answers, trouble = replies(python, ["contact_peer.py"], jobs)
-            absent += [f"{name} {model} on {test.name}: {trouble}"] if trouble else []
-            count, failed = len(test.variants), 0
-            for k in range(len(answers) // count):
-                some = answers[count * k : count * (k + 1)]
-                if any(one["message"] for one in some):
-                    failed += 1
-                    continue
-                error = max(
-                    abs(value / right - 1.0)
-                    for one, rights in zip(some, exact, strict=True)
-                    for value, right in zip(one["values"], rights, strict=True)
-                )
-                who = f"{name.split()[0]} {some[0]['version']}, {model}"
-                seconds = sum(min(one["seconds"]) for one in some)
-                runs.append(Run(who, _words(tried[k]), error, seconds))
-            if failed:
-                words = "settings are unstable or refused"
-                absent.append(f"{name} {model} on {test.name}: {failed} of {len(tried)} {words}")
+    for peer, model in [(one, model) for one in peers for model in one.models]:
+        tried = sample(list(settings(test, model)), quick)
+        jobs = [
+            {**common, **one, "repeats": REPEATS, "budget": 0.1, **variant(one["n"])}
+            for one in tried
+            for _, variant in test.variants
+        ]
+        for job in jobs:
+            job["dimensions"] = 3 if job["friction"] else 1
+            job["every"] = max(job["every"], job["step"])
+        who = f"MuJoCo {peer.version}, {model}"
+        answers, trouble = replies(peer.python, [str(SCRIPT)], jobs)
+        absent += [f"{who} on {test.name}: {trouble}"] if trouble else []
+        count, failed = len(test.variants), 0
+        for k in range(len(answers) // count):
+            some = answers[count * k : count * (k + 1)]
+            if any(one["message"] for one in some):
+                failed += 1
+                continue
+            error = max(
+                abs(value / right - 1.0)
+                for one, rights in zip(some, exact, strict=True)
+                for value, right in zip(one["values"], rights, strict=True)
+            )
+            runs.append(Run(who, _words(tried[k]), error, sum(min(one["seconds"]) for one in some)))
+        if failed:
+            words = "settings are unstable or refused"
+            absent.append(f"{who} on {test.name}: {failed} of {len(tried)} {words}")
     return runs
 
 
@@ -262,16 +320,19 @@ def front(runs: Iterable[Run]) -> list[Run]:
     return found
 
 
-def compare(folder: Path, quick: bool) -> dict[str, str]:
-    """Write the report; returns the verdicts."""
-    request = Request(folder, quick, "python test/benchmarks/contact_peers.py", HERE)
-    report = Report(request, "Contact and friction: MuJoCo", {})
+def compare(
+    report: Report,
+    peers: Sequence[Peer],
+    quick: bool,
+    progress: Callable[[float], None] = lambda share: None,
+) -> dict[str, str]:
+    """Add a section to the report; returns the verdicts."""
     rows: list[list[Any]] = []
     points: list[tuple[str, str, float, float]] = []
     verdicts: dict[str, str] = {}
     absent: list[str] = []
-    for test in all_tests():
-        own, others = own_runs(test, quick), peer_runs(test, quick, absent)
+    for number, test in enumerate(all_tests()):
+        own, others = own_runs(test, quick), peer_runs(test, peers, quick, absent)
         lines = {who: front(run for run in others if run.who == who) for who in names(others)}
         lines["dlo_sim"] = front(own)
         points += [(test.name, who, run.seconds, run.error) for who in lines for run in lines[who]]
@@ -300,6 +361,8 @@ def compare(folder: Path, quick: bool) -> dict[str, str]:
         verdicts[f"{test.name}, smallest error of dlo_sim"] = (
             f"{finest.error:.2g} in {finest.seconds:.2g} s"
         )
+        progress((number + 1.0) / len(all_tests()))
+    report.section("MuJoCo")
     report.text(
         f"""Error: largest over forces of {FORCES} N, lifts of {LIFTS} m or coefficients of friction
         {FRICTIONS}, and over the force and, of held ends, the moment. Run time: processor time of
@@ -318,17 +381,11 @@ def compare(folder: Path, quick: bool) -> dict[str, str]:
     whos = list(dict.fromkeys(who for _, who, *_ in points))
     looks = {who: {"color": f"C{k}"} for k, who in enumerate(whos)}
     caption = "Error against run time"
-    report.chart("contact_cost", chart, points, caption, log="xy", marker="o", looks=looks)
+    report.chart("contact_peers_cost", chart, points, caption, log="xy", marker="o", looks=looks)
     report.text(*(f"Not measured: {line}" for line in absent))
-    report.outcome(verdicts)
     return verdicts
 
 
 def names(runs: Iterable[Run]) -> list[str]:
     """Simulators of runs, each once."""
     return list(dict.fromkeys(run.who for run in runs))
-
-
-if __name__ == "__main__":
-    for name, verdict in compare(Path(sys.argv[1]), "--quick" in sys.argv).items():
-        print(f"{name}: {verdict}")

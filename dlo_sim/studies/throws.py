@@ -1,0 +1,240 @@
+"""Random throws of a thin cable at small bodies and at itself, and whether anything passed through.
+
+That is found from the simulated shapes alone, not from what the simulator knows of contact. Points
+of the axis are taken to move straight between two looks:
+    bodies: the surface that the axis sweeps may not meet needles that cross the middle of the body
+        in all directions.
+    itself: where two strands pass through each other, the writhe of the axis jumps by two.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from dlo_sim.core import mass, rotations
+from dlo_sim.scene.description import Obstacle
+from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.studies.known_answers import (
+    Answer,
+    Array,
+    Measured,
+    Values,
+    advanced,
+    simulator,
+)
+from dlo_sim.studies.strands import laid_along, writhe
+
+KINDS = ("box", "sphere", "edge", "itself")
+SPEED, THICK, SIZE = 20.0, 1e-3, 5e-3  # [m/s], diameter of the cable and size of the bodies [m]
+LENGTH, POINTS = 0.2, 26
+AWAY = 0.03  # distance of the bodies and, halved, of the strands that meet [m]
+# [s]; at bodies the first without losses, so that impulses are known. In longer ones the cable
+# moves further than a body is thick, and ways round it would look as if they cut across.
+STEPS = (1e-5, 1e-4, 2e-4)
+LOOK, DURATION = 1e-4, 4e-3  # [s]; a look at least every step
+PLACES = 101  # of the axis, at a look
+MIDDLE = 0.6  # share of a body that needles cross
+JUMP = 1.0  # change of the writhe between two looks, far less than that unless strands pass
+THROWN: Values = {
+    "cable.diameter": THICK,
+    "cable.density": 1200.0,
+    "cable.youngs_modulus": 1e8,
+    "start.fixed": [False] * 3,
+    "end.fixed": [False] * 3,
+    "gravity": [0.0, 0.0, 0.0],
+    "terms.twist": "off",
+    "terms.out_of_plane": "on",
+    "discretization.control_points": POINTS,
+    "discretization.knots": "uniform",
+}
+
+
+class Throw(NamedTuple):
+    """A throw.
+
+    Attributes:
+        kind: of KINDS. passed: whether the cable passed through something. finite: whether all
+            numbers are. hit: whether anything touched. energy: error of the account, of what is
+            exchanged. momentum: what no impulse explains, of that at the start; NaN if the impulse
+            is not known. seconds: processor time [s] of the steps.
+    """
+
+    kind: str
+    passed: bool
+    finite: bool
+    hit: bool
+    energy: float
+    momentum: float
+    seconds: float
+
+
+def throws(count: int) -> Measured:
+    """`count` throws, in turn at all of KINDS."""
+    found, failed = [], 0
+    for number in range(count):
+        try:
+            found.append(thrown(number, {}))
+        except RuntimeError:
+            failed += 1
+    by_kind = {True: [0.0], False: [0.0]}
+    for one in found:
+        if not math.isnan(one.momentum):
+            by_kind[one.kind == "itself"].append(one.momentum)
+    answers = (
+        Answer("throws that pass", 0.0, sum(one.passed for one in found), 0.0),
+        Answer("throws that fail, or NaN", 0.0, failed + sum(not t.finite for t in found), 0.0),
+        Answer("throws that miss", 0.0, sum(not one.hit for one in found), 0.1 * count),
+        Answer("open share of the energy", 0.0, max(one.energy for one in found), 1e-4),
+        Answer("of the momentum, at itself", 0.0, max(by_kind[True]), 1e-9),
+        Answer("of the momentum, at bodies", 0.0, max(by_kind[False]), 0.01),
+    )
+    return Measured(answers, sum(one.seconds for one in found), None)
+
+
+def thrown(number: int, settings: Values) -> Throw:
+    """The throw of this number."""
+    rng = np.random.default_rng(number)
+    kind, step = KINDS[number % len(KINDS)], STEPS[number // len(KINDS) % len(STEPS)]
+    rough: Values = {"contact.friction": float(rng.choice([0.0, 0.3]))}
+    if step == STEPS[0] and kind != "itself":
+        rough = {"contact.damping": 0.0}
+    if kind == "itself":
+        sim, needles = at_itself(rng, step, rough | settings), np.zeros((0, 2, 3))
+    else:
+        sim = at_body(kind, rng, step, rough | settings)
+        needles = in_the_middle(sim.scene.bodies[0])
+    u = np.linspace(0.0, sim.scene.cable.length, PLACES)
+    line, begun = sim.centerline(u), momentum(sim)
+    force, impulse, seconds = np.zeros(3), np.zeros(3), 0.0
+    passed, hit = False, False
+    known = kind == "itself" or step == STEPS[0]
+    for _ in range(round(DURATION / max(step, LOOK))):
+        for _ in range(max(1, round(LOOK / step))):
+            seconds += advanced(sim, step)
+            if known and kind != "itself":
+                before, force = force, sim.contact("body").force
+                impulse += 0.5 * step * (before + force)
+        before, line = line, sim.centerline(u)
+        if kind == "itself":
+            passed = passed or abs(writhe(line) - writhe(before)) > JUMP
+        else:
+            passed = passed or swept(before, line, needles)
+        hit = hit or sim.energy().contact > 0.0
+    off = float(np.linalg.norm(momentum(sim) - begun - impulse) / np.linalg.norm(begun))
+    finite = bool(np.isfinite(sim.control_points).all() and np.isfinite(sim.velocities).all())
+    return Throw(kind, passed, finite, hit, sim.energy_error, off if known else math.nan, seconds)
+
+
+def at_body(kind: str, rng: np.random.Generator, step: float, settings: Values) -> Simulator:
+    """A wavy cable that flies down at a body, turned at random; an edge is that of a long bar
+    across its way.
+    """
+    t = np.linspace(0.0, 1.0, 400)
+    waves = [
+        rng.uniform(0.0, 4e-3) * np.sin(2.0 * math.pi * (rng.uniform(0.3, 2.0) * t + rng.random()))
+        for _ in range(2)
+    ]
+    path = np.stack((LENGTH * t, *waves), axis=1)
+    length, points = laid_along(path, POINTS)
+    place = path[rng.integers(40, 360)] + [0.0, rng.uniform(-1e-3, 1e-3), -AWAY]
+    turn, half = rotations.normalized(rng.standard_normal(4)), np.full(3, 0.5 * SIZE)
+    if kind == "edge":
+        half[2] = 0.5 * LENGTH
+        angle, roll = rng.uniform(-1.0, 1.0), 0.25 * math.pi + rng.uniform(-0.3, 0.3)
+        lies = rotations.from_rotation_vector(np.array([0.5 * math.pi, 0.0, 0.0]))
+        across = rotations.multiply(rotations.from_rotation_vector(np.array([0, 0, angle])), lies)
+        turn = rotations.multiply(across, rotations.from_rotation_vector(np.array([0, 0, roll])))
+    body: Values = {
+        "cable.length": length,
+        "start.position": points[0].tolist(),
+        "end.position": points[-1].tolist(),
+        "obstacles.names": ["body"],
+        "obstacles.body.shape": "sphere" if kind == "sphere" else "box",
+        "obstacles.body.size": (2.0 * half).tolist(),
+        "obstacles.body.position": place.tolist(),
+        "obstacles.body.orientation": turn.tolist(),
+    }
+    sim = simulator(THROWN, body, settings, step=step)
+    rates = np.zeros((POINTS, 4))
+    rates[:, :3] = [*rng.normal(0.0, 0.2, 2), -SPEED]
+    sim.start_from(np.hstack([points, np.zeros((POINTS, 1))]), rates)
+    return sim
+
+
+def at_itself(rng: np.random.Generator, step: float, settings: Values) -> Simulator:
+    """A hairpin, one strand of which flies at the other; seen along their way, they cross."""
+    t = np.linspace(0.0, 1.0, 300)[:, None]
+    angle = np.pi * np.linspace(0.5, -0.5, 200)[1:-1, None]
+    gap, waves = 0.25 * AWAY, []
+    for turns, most in ((1.0, 0.02), (2.0, 0.03)):
+        height, phase = rng.uniform(0.5, 1.0) * most, rng.uniform(-0.3, 0.3)
+        waves.append(height * np.sin(math.pi * turns * t) * np.cos(phase * t))
+    leg = 0.5 * LENGTH
+    path = np.vstack(
+        (
+            np.hstack((leg * (t - 1.0), 0.0 * t + gap, waves[0])),
+            gap * np.hstack((np.cos(angle), np.sin(angle), 0.0 * angle)),
+            np.hstack((-leg * t, 0.0 * t - gap, -waves[1])),
+        )
+    )
+    length, points = laid_along(path, POINTS)
+    held: Values = {
+        "cable.length": length,
+        "start.position": points[0].tolist(),
+        "end.position": points[-1].tolist(),
+    }
+    sim = simulator(THROWN, {"contact.self": "on"}, held, settings, step=step)
+    rates = np.zeros((POINTS, 4))
+    rates[:, :3] = rng.normal(0.0, 1.0, 3)
+    thrown = np.clip((-0.01 - points[:, 0]) / 0.02, 0.0, 1.0) * (points[:, 1] > 0.0)
+    rates[:, 1] -= SPEED * thrown
+    sim.start_from(np.hstack([points, np.zeros((POINTS, 1))]), rates)
+    return sim
+
+
+def momentum(sim: Simulator) -> Array:
+    """Of the cable [kg m/s]."""
+    return np.asarray((mass.dense(sim.model.mass(0)) @ sim.velocities[:, :3]).sum(axis=0))
+
+
+def in_the_middle(body: Obstacle) -> Array:
+    """Needles (k, 2, 3) that cross the middle of a body in all directions; along a bar everywhere
+    on its long axis, and the axis itself.
+    """
+    half = 0.5 * MIDDLE * np.array(body.size)
+    ways = np.array(list(np.ndindex(3, 3, 3)), dtype=float)[:13] - 1.0
+    if body.shape == "sphere":
+        ways /= np.linalg.norm(ways, axis=1)[:, None]
+    needles = half * np.stack((-ways, ways), axis=1)
+    if half[2] > half[0]:
+        along = half * [0.0, 0.0, 1.0]
+        across = needles[ways[:, 2] == 0.0]
+        slices = [across + share * along for share in np.linspace(-1.0, 1.0, 15)]
+        needles = np.concatenate((*slices, np.stack((-along, along))[None]))
+    turn = rotations.to_matrix(np.array(body.orientation))
+    return np.asarray(needles @ turn.T + body.position)
+
+
+def swept(before: Array, after: Array, needles: Array) -> bool:
+    """Whether the surface that a polygon (m, 3) sweeps on its way meets needles (k, 2, 3)."""
+    near = needles.reshape(-1, 3)
+    reach = float(np.linalg.norm(near - near.mean(axis=0), axis=1).max())
+    corners = np.stack((before[:-1], before[1:], after[1:], after[:-1]), axis=1)
+    middle = corners.mean(axis=1)
+    sizes = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
+    corners = corners[np.linalg.norm(middle - near.mean(axis=0), axis=1) < reach + sizes]
+    a, b, c = np.concatenate((corners[:, [0, 1, 2]], corners[:, [2, 3, 0]])).transpose(1, 0, 2)
+    p, q = needles[:, None, 0], needles[:, None, 1]
+    # A line meets a triangle if it passes all sides in the same sense.
+    sides = np.stack([volume(q - p, one - p, other - p) for one, other in ((a, b), (b, c), (c, a))])
+    inside = (sides > 0.0).all(axis=0) | (sides < 0.0).all(axis=0)
+    apart = volume(b - a, c - a, p - a) * volume(b - a, c - a, q - a) < 0.0
+    return bool((inside & apart).any())
+
+
+def volume(a: Array, b: Array, c: Array) -> Array:
+    """Triple product of vectors (..., 3)."""
+    return np.asarray(np.sum(a * np.cross(b, c), axis=-1))

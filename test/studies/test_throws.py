@@ -1,0 +1,33 @@
+"""Throws of `study contact`: what passes through is found without the simulator's contact."""
+
+import numpy as np
+import pytest
+
+from dlo_sim.studies.throws import KINDS, swept, thrown
+
+OFF = {"box": "terms.contact", "sphere": "terms.contact", "edge": "terms.contact"}
+
+
+@pytest.mark.parametrize("number", [16, 5, 6, 7])
+def test_a_throw_passes_through_only_without_contact(number):
+    kind = KINDS[number % 4]
+    hit = thrown(number, {})
+    assert hit.kind == kind and hit.hit and hit.finite and not hit.passed
+    assert hit.energy < 1e-5
+    through = thrown(number, {OFF.get(kind, "contact.self"): "off"})
+    assert through.passed and not through.hit
+
+
+def test_impulses_explain_the_momentum():
+    """Of the body at short steps; a throw at itself keeps it."""
+    assert thrown(0, {}).momentum < 5e-3
+    assert thrown(7, {}).momentum < 1e-12
+    assert np.isnan(thrown(16, {}).momentum)  # with losses
+
+
+def test_a_swept_surface_meets_a_needle_once_it_is_over_it():
+    line = np.linspace([-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], 9)
+    needle = np.array([[[0.1, 0.0, -0.5], [0.1, 0.4, -0.5]]])
+    assert not swept(line + [0.0, 0.2, 1.0], line + [0.0, 0.2, -0.4], needle)
+    assert swept(line + [0.0, 0.2, 1.0], line + [0.0, 0.2, -0.6], needle)
+    assert not swept(line + [0.0, 0.5, 1.0], line + [0.0, 0.5, -0.6], needle)
