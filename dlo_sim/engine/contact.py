@@ -39,8 +39,10 @@ Implicit steps take all of this as one force. Explicit steps have the elastic pr
 forces and the rest, friction and damping, as a kick at the end of a step (`dissipate`).
 
 **Jumps.** An obstacle that jumps into the cable would fling it out. It yields instead: its reach is
-less by as much as the cable is inside, and grows back at the speed RETURN. The gap then changes by
-n.dy and the growth, whose work p times growth is that of the obstacle.
+less by as much as the cable is inside, and grows back at the speed RETURN where the cable gives
+way. Where it cannot, being held or pushed out of two opposite sides, the obstacle waits, and its
+force is bounded. The gap then changes by n.dy and the growth, whose work p times growth is that of
+the obstacle.
 
 **Broad phase.** Groups of samples near an obstacle are found for many steps at once: until cable
 and obstacles have moved by `balance.contact_margin`.
@@ -93,6 +95,7 @@ JUMP = 0.05  # share of the reach that a step may move past an obstacle without 
 # cable is less than half of that, so half would already turn it round.
 KICK = 0.4
 RETURN = 0.2  # [m/s], at which an obstacle that has yielded pushes the cable out
+PRESSED = 0.1  # diameters that a cable may be inside what an obstacle that yields has left
 SHALLOW = 0.03  # diameters that a cable may be inside an obstacle that does not yield
 AHEAD = 16.0  # expected motions of a step that the margin of the broad phase allows for
 
@@ -1009,6 +1012,25 @@ def begin(cable, t0, tau, way, x):
         for k in range(int(cable.state.near_count[o])):
             known = cable.work.measured_known[o, int(cable.state.near[o, k])]
             known[BEGUN] = min(known[BEGUN], KNOWN)
+        if cable.state.yielded[o, 0] > 0.0:
+            least = deepest_begun(cable, o, x) - PRESSED * cable.contact.least_margin
+            cable.state.yielded[o, 1] = max(cable.state.yielded[o, 1], least)
+
+
+@part
+def deepest_begun(cable, o, x):
+    """How deep the cable is in an obstacle that does not yield at the start of a step [m]."""
+    deepest = zero()
+    for k in range(int(cable.state.near_count[o])):
+        g = int(cable.state.near[o, k])
+        measure(cable, o, g, BEGUN, x)
+        deep = cable.contact.reach[o] - cable.work.measured[o, g, BEGUN][DISTANCE]
+        deep = where(fabs(cable.contact.weight[g]), deep, 0.0)
+        deepest = where(deep - deepest, deep, deepest)
+    most = 0.0
+    for k in range(LANES):
+        most = max(most, lane(deepest, k))
+    return most
 
 
 @part

@@ -378,12 +378,17 @@ def mesh_warning(scene: Scene) -> str:
     return ""
 
 
-def jump_warning(name: str, count: int, depth: float) -> str:
-    """One line about an obstacle that jumped into the cable."""
+def overlap_warning(name: str, jumped: bool, count: int, depth: float) -> str:
+    """One line about an obstacle that jumped into the cable, or in which the cable began."""
     times = "once" if count == 1 else f"{count} times"
+    what = f"jumped into the cable {times}, by {depth:.3g} m at most"
+    cure = "move it by a motion or small steps"
+    if not jumped:
+        what = f"the cable began {depth:.3g} m inside it"
+        cure = "move it, or the cable's ends"
     return (
-        f"obstacles.{name}: jumped into the cable {times}, by {depth:.3g} m at most; it yields and "
-        f"pushes the cable out at {contact.RETURN:g} m/s: move it by a motion or small steps"
+        f"obstacles.{name}: {what}; it yields and pushes the cable out at {contact.RETURN:g} m/s: "
+        f"{cure}"
     )
 
 

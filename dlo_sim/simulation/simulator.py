@@ -167,7 +167,8 @@ class Simulator:
         self._bases: dict[bytes, Basis] = {}
         self._steps, self._remainder = 0, 0.0
         self._later = WaitingMotions()  # of obstacles
-        self._jumps: dict[str, tuple[int, float]] = {}  # obstacle -> how often, how deep at most
+        # Obstacle and whether it jumped -> how often it came into the cable, how deep at most.
+        self._overlaps: dict[tuple[str, bool], tuple[int, float]] = {}
         self._fill_loads()
         for name in bodies & set(given):
             self.move_obstacle(name, EndMotion.resting(*given[name]))
@@ -248,7 +249,7 @@ class Simulator:
             obstacles.thin_warning(self.scene),
             obstacles.mesh_warning(self.scene),
             obstacles.depth_warning(self.scene, float(account.contact_deep)),
-            *(obstacles.jump_warning(name, *jumps) for name, jumps in self._jumps.items()),
+            *(obstacles.overlap_warning(*key, *found) for key, found in self._overlaps.items()),
             *(obstacles.press_warning(name, one, self.scene) for name, one in found.items()),
             self._watch.warning,
             *self_contact.warnings(self.scene, self.cable, itself),
@@ -741,7 +742,7 @@ class Simulator:
         before = self.cable.present_energy()
         self.move_obstacle(name, motion)
         self.cable.place_obstacles(self.time)
-        self._give_way(name)
+        self._give_way(name, jumped=True)
         self.cable.account.drive_work += self.cable.present_energy() - before
 
     def move_obstacle(self, name: str, motion: EndMotion) -> None:
@@ -858,14 +859,15 @@ class Simulator:
         body, pose = self.scene.bodies[number], self.end_pose(name)
         return obstacles.contact_with(self.cable, number, body, pose, tension)
 
-    def _give_way(self, *names: str) -> None:
-        """Let obstacles yield that are inside the cable; count those that jumped."""
+    def _give_way(self, *names: str, jumped: bool = False) -> None:
+        """Let obstacles yield that are inside the cable; count them."""
         for number, obstacle in enumerate(self.scene.bodies if "contact" in self._needs else ()):
             if not names or obstacle.name in names:
                 depth = self.cable.give_way(number)
                 if depth > 0.5 * self.scene.cable.diameter:
-                    count, most = self._jumps.get(obstacle.name, (0, 0.0))
-                    self._jumps[obstacle.name] = count + 1, max(most, depth)
+                    key = obstacle.name, jumped
+                    count, most = self._overlaps.get(key, (0, 0.0))
+                    self._overlaps[key] = count + 1, max(most, depth)
 
     def surface(self, name: str) -> Array:
         """Triangles [m] that show an obstacle that is a mesh, ring or channel, in its frame, shape

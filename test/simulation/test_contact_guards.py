@@ -75,6 +75,34 @@ def test_a_plane_that_jumps_lifts_the_cable():
     assert heights[-1] == pytest.approx(0.05 + RADIUS, abs=1e-3)
 
 
+@pytest.mark.parametrize(
+    "body", [{"position": [0.0, 0.0, 0.0]}, {"size": [0.02, 0.2, 0.2]}, {"position": [0.12, 0, 0]}]
+)
+def test_a_body_that_jumps_onto_the_cable_does_not_tear_it_along(body):
+    """It pushes the cable out of two opposite sides at once, which the cable cannot follow."""
+    given = {f"obstacles.body.{key}": value for key, value in body.items() if key == "size"}
+    sim = lying({"contact.friction": 0.2}, given)
+    sim.set_obstacle("body", body.get("position", [0.0, 0.0, 0.0]))
+    most = 0.0
+    for _ in range(40):
+        assert sim.advance(0.01).status.ok
+        most = max(most, fastest(sim))
+    assert most < 0.5
+    assert any("the cable is pressed" in line for line in sim.warnings)
+    assert sim.energy_error < 1e-8
+
+
+def test_a_cable_that_begins_a_little_inside_is_told_so():
+    """And not that the obstacle jumped."""
+    low = {"start.position": [-0.15, 0.0, -0.001], "end.position": [0.15, 0.0, -0.001]}
+    sim = lying(low)
+    (line,) = sim.warnings
+    assert line.startswith("obstacles.table: the cable began 0.004 m inside it; it yields and")
+    assert line.endswith("at 0.2 m/s: move it, or the cable's ends")
+    assert sim.advance(0.1).status.ok
+    assert fastest(sim) < 0.3
+
+
 def test_a_snapshot_continues_while_an_obstacle_yields():
     sim = lying()
     sim.set_obstacle("body", [0.0, 0.0, 0.0])
