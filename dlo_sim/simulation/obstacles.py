@@ -414,21 +414,34 @@ def press_warning(name: str, found: Contact, scene: Scene) -> str:
 
 
 def out_of_reach(scene: Scene) -> dict[str, str]:
-    """Obstacles that the cable cannot reach from an end that holds it where it is -> the reason, as
-    in `Needs.left_out`.
+    """Obstacles that the cable cannot reach -> the reason, as in `Needs.left_out`."""
+    found = {f"obstacles.{one.name}": beyond_reach(scene, one) for one in scene.bodies}
+    return {key: reason for key, reason in found.items() if reason}
+
+
+def beyond_reach(scene: Scene, obstacle: Obstacle) -> str:
+    """Why the cable cannot reach an obstacle from an end that holds it where it is; empty if it
+    can.
     """
-    found, longest = {}, STRETCHED * scene.cable.length
     for name, end in scene.ends.items():
-        if end.driven or not all(end.fixed):
+        if end.driven or obstacle.driven or not all(end.fixed):
             continue
-        for one in scene.bodies:
-            if one.driven:
-                continue
-            gap = float(gaps(one, scene.cable.diameter, np.add(end.position, end.offset)))
-            if gap > longest:
-                reason = f"{gap:.3g} m from the {name} of a cable of {scene.cable.length:.3g} m"
-                found[f"obstacles.{one.name}"] = reason
-    return found
+        gap = float(gaps(obstacle, scene.cable.diameter, np.add(end.position, end.offset)))
+        if gap > STRETCHED * scene.cable.length:
+            return f"{gap:.3g} m from the {name} of a cable of {scene.cable.length:.3g} m"
+    return ""
+
+
+def rounding(scene: Scene, obstacle: Obstacle) -> float:
+    """Radius [m] of the bend of a soft cable that is drawn round an obstacle, on its axis; infinite
+    for shapes without a radius.
+    """
+    radius = 0.5 * scene.cable.diameter
+    if obstacle.shape in ("sphere", "cylinder", "capsule"):
+        return 0.5 * obstacle.size[0] + radius
+    if obstacle.shape in ("ring", "channel"):
+        return core_of(obstacle, radius).reach
+    return math.inf
 
 
 def pieces_of(scene: Scene) -> int:
