@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -42,7 +42,7 @@ def draw_motion(prediction: Run, gripper: Array, hand: Array, path: Path) -> Non
     above.set_title("from above")
     colorbar = views.colorbar(ScalarMappable(scale, _MAP), ax=[front, above], pad=0.02, aspect=35)
     colorbar.set_label("time [s]")
-    views.legend(*front.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    views.legend(*front.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     rows = curves.subplots(3, 1, sharex=True)
     _draw_components(rows[0], gripper, "in: position\nof the gripper [m]")
     _draw_components(rows[1], hand, "in: force of the hand\non the cable [N]")
@@ -57,7 +57,12 @@ def draw_motion(prediction: Run, gripper: Array, hand: Array, path: Path) -> Non
 def _draw_view(
     axes: Axes, prediction: Run, gripper: Array, plane: Sequence[int], scale: Normalize
 ) -> None:
-    """Draw cables at equal time intervals in one plane of the world, and the paths of both ends."""
+    """Draw cables at equal time intervals in one plane of the world, the paths of both ends, and
+    what the cable touches.
+    """
+    for body in prediction.bodies:
+        faces = list(body.at(0)[:, :, plane])
+        axes.add_collection(PolyCollection(faces, color="0.8", zorder=0))
     step = max(1, round(_EVERY / float(np.median(np.diff(prediction.time)))))
     cables = prediction.centerline[:, :, plane]
     _add_lines(axes, cables[::step], prediction.time[::step], scale, linewidths=1.0, alpha=0.55)
@@ -66,6 +71,7 @@ def _draw_view(
     axes.plot(*gripper[:, plane].T, color="black", linewidth=1.8, label="path of the gripper")
     axes.plot([], [], color="0.5", linewidth=2.2, label="path of the free end")
     axes.plot([], [], color="0.5", linewidth=1.0, label=f"cable, every {_EVERY:g} s")
+    axes.plot([], [], color="0.8", linewidth=8.0, label="table")
     axes.set_aspect("equal")
     axes.margins(0.04)
     axes.autoscale_view()

@@ -1,4 +1,5 @@
-"""The scenario of the demo: a cable, a gripper that swings it, a hand that pulls at its free end.
+"""The scenario of the demo: a cable, a gripper that draws it over the edge of a table and swings
+it, a hand that pulls at its free end.
 
 The gripper's pose has a rate of 100 Hz and the hand's wrench 200 Hz, with the noise of good sensors
 and the delays of a network, all from one random seed.
@@ -21,7 +22,8 @@ Array = NDArray[np.float64]
 SIGNATURE = "# The scene of `dlo_sim demo`"
 
 SCENE = f"""{SIGNATURE}: a rubber-sheathed cable leaves a gripper along the
-# gripper's x axis and droops. A hand with a force sensor pulls at its other end for a moment.
+# gripper's x axis and droops beside a table. The gripper draws it over the edge and swings it; a
+# hand with a force sensor pulls at its other end for a moment.
 # Change a value and replay:
 #
 #   dlo_sim replay input --params scene.yaml --output again
@@ -50,6 +52,13 @@ SCENE = f"""{SIGNATURE}: a rubber-sheathed cable leaves a gripper along the
         position: 1.0           # at the free end
     initial:
       shape: equilibrium
+    obstacles:
+      names: [table]
+      table:
+        shape: box
+        size: [0.5, 0.4, 0.03]  # m; the cable is drawn over its edge, at y = 0.1
+        position: [0.2, 0.3, 0.5]
+        friction: 0.3
 """
 
 POSES, WRENCHES = "/gripper_pose", "/hand_wrench"

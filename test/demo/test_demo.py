@@ -44,7 +44,7 @@ def test_predicted_bag_holds_what_the_node_publishes(done):
     bag = Bag(folder / "predicted")
     assert set(bag.topics) == {
         *("/dlo_sim/control_points", "/dlo_sim/centerline", "/dlo_sim/control_polygon"),
-        *("/dlo_sim/start/reaction", "/diagnostics"),
+        *("/dlo_sim/start/reaction", "/dlo_sim/contacts", "/diagnostics"),
     }
     assert bag.promised == summary.messages_written > 400
     assert summary.messages_used == 201 + 401
@@ -67,6 +67,20 @@ def test_prediction_starts_at_the_gripper_and_carries_the_weight(done):
     assert summary.reaction_rest == pytest.approx(weight, abs=0.05)
     assert summary.reaction_max >= summary.reaction_rest
     assert 0.1 < summary.tip_speed_max < 10.0
+
+
+def test_the_cable_is_drawn_over_the_edge_of_the_table(done):
+    """The edge is at y = 0.1 m, z = 0.515 m. Nothing is in the table; it holds the cable back."""
+    folder, _, _ = done
+    scene = load_scene(folder / "scene.yaml")
+    found = read_bag(folder / "predicted", scene, origin_ns=scenario.EPOCH_NS)
+    assert len(found.bodies) == 1
+    lines = np.concatenate([found.forces_at(frame) for frame in range(len(found.time))])
+    assert len(lines) > 100
+    np.testing.assert_allclose(lines[:, 0].mean(axis=0)[1:], [0.1, 0.515], atol=0.02)
+    y, z = found.centerline[..., 1], found.centerline[..., 2]
+    assert not ((y > 0.105) & (abs(z - 0.5) < 0.01)).any()
+    assert found.reactions["start"][:, 1].max() > 0.2
 
 
 def test_demo_again_replaces_its_own_results_with_the_same(done):
