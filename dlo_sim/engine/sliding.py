@@ -26,7 +26,8 @@ start of the step; that at its end has no derivative, as |P a|, where the grippe
 Explicit steps cannot let the cable slide: with u fixed in a step of length tau, friction would be
 too large by k tau/2 times the speed of sliding.
 
-A cable whose end reaches the gripper slips out of it: its u is LOST from then on.
+A cable whose end passes the gripper slips out of it: its u is LOST from then on. In the step in
+which it does, its tangent goes on beyond the end, so that friction limits the force to the last.
 """
 
 from __future__ import annotations
@@ -54,28 +55,30 @@ APART = 1e-7  # of the length, below which the mean tangent is the tangent
 @part
 def basis_at(cable, u):
     """First control point of the span at u, and the values, first and second derivatives of its
-    four basis functions there.
+    four basis functions there; beyond an end of the cable those of its tangent.
     """
     breaks, mesh = cable.slides.breaks, cable.mesh
+    inside = min(max(u, 0.0), breaks[cable.n - 3])
+    past = u - inside
     span, beyond = 0, cable.n - 3
     while beyond - span > 1:
         middle = (span + beyond) // 2
-        if u < breaks[middle]:
+        if inside < breaks[middle]:
             beyond = middle
         else:
             span = middle
     block, k = span // LANES, span % LANES
     slope = lane(mesh.slope[block], k)
-    xi = slope * (u - breaks[span]) - 1.0
+    xi, bent = slope * (inside - breaks[span]) - 1.0, 0.0 if past != 0.0 else 1.0
     a = basis_of(mesh, block, k, 0, xi, slope)
     b = basis_of(mesh, block, k, 1, xi, slope)
     c = basis_of(mesh, block, k, 2, xi, slope)
     d = basis_of(mesh, block, k, 3, xi, slope)
     return (
         span,
-        (a[0], b[0], c[0], d[0]),
+        (a[0] + past * a[1], b[0] + past * b[1], c[0] + past * c[1], d[0] + past * d[1]),
         (a[1], b[1], c[1], d[1]),
-        (a[2], b[2], c[2], d[2]),
+        (bent * a[2], bent * b[2], bent * c[2], bent * d[2]),
     )
 
 
@@ -158,7 +161,9 @@ def response(cable, k, u0, u1, x0, x1):
 
 @piece(float64, CABLE, int64, LINES, LINES, terms=SLIDING)
 def slid_to(cable, k, x0, x1):
-    """Material coordinate u1 [m] of slide k at the end of a step from x0 to x1, on the cable."""
+    """Material coordinate u1 [m] of slide k at the end of a step from x0 to x1, or on the tangent
+    beyond the end of a cable that slips out.
+    """
     law, u0 = cable.slides.law[k], cable.state.slide[k]
     length = cable.slides.breaks[cable.n - 3]
     u1, side = u0, 0.0
@@ -171,7 +176,7 @@ def slid_to(cable, k, x0, x1):
         stiffness = law[STIFFNESS] * dot(t, t) + 0.5 * law[TURNING] * dot(turn, turn)
         before = u1
         u1 += (driving - side * limit) / stiffness
-        u1 = min(max(u1, 0.0), length)
+        u1 = min(max(u1, -length), 2.0 * length)
         if side * (u1 - u0) < 0.0:
             return u0
         if abs(u1 - before) <= CLOSE * length:
@@ -332,7 +337,7 @@ def pose_work(cable, k, a, b):
 @piece(void, CABLE, LINES, LINES, terms=SLIDING)
 def accept_slides(cable, x0, x1):
     """The step from x0 to x1 was made: count the work of the grippers, and keep what has slid. A
-    cable whose end has reached its gripper has slipped out.
+    cable whose end has passed its gripper has slipped out.
     """
     balance, length = cable.state.balance, cable.slides.breaks[cable.n - 3]
     for k in range(cable.slides.count):

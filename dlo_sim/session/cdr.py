@@ -200,16 +200,19 @@ def _decode_markers(raw: Bytes, most: int) -> Stamped:
         points = tuple(map(_vector_of, m.points)) if m.type == TRIANGLE_LIST else ()
         marker = Marker(frame_id, name, m.type, m.action, pose, scale, max(lifetime_ns, 0), points)
         found.append((stamp_ns, marker))
-    if not found:
-        raise DecodeError("the array holds no markers")
     return Stamped(found[0][0], found[0][1].frame_id, tuple(marker for _, marker in found))
+
+
+def lists_nothing(raw: Bytes) -> bool:
+    """Whether a message that is a list, as a MarkerArray, is empty."""
+    return raw[4:8] == bytes(4)
 
 
 def stamp_of(kind: str, raw: Bytes) -> int | None:
     """The stamp [ns] of a message, of the first one in a list of them; None if it has none."""
     listed = kind in (TF_MESSAGE, MARKER_ARRAY)
     try:
-        if kind == BOOL or (listed and raw[4:8] == bytes(4)):
+        if kind == BOOL or (listed and lists_nothing(raw)):
             return None
         return head(_load("std_msgs/msg/Header", raw, 4 if listed else 0)[0])[0]
     except DecodeError:

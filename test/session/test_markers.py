@@ -246,6 +246,13 @@ def test_of_two_places_in_one_message_the_newer_one_counts():
     assert session.simulator.end_pose("cell/1")[0].tolist() == [0.0, 0.5, 0.0]
 
 
+def test_an_empty_array_says_nothing(fallen):
+    record = fallen.journal.topics[TOPIC]
+    refused = record.refused.total()
+    fallen.receive(TOPIC, array(T0), T0 + 2 * SECOND)
+    assert record.refused.total() == refused
+
+
 def test_what_cannot_be_had_is_counted():
     """Too many, one in the cable, one that jumps; the others are there, and it goes on."""
     session = session_of()

@@ -94,6 +94,17 @@ def test_the_free_end_of_what_hangs_over_a_smooth_guide() -> None:
     assert tension == pytest.approx(MASS * 9.81 * -last[2], rel=0.01)
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_cable_that_slips_out_is_not_held_to_the_last(way: float) -> None:
+    """It falls freely through a smooth gripper, and out of it within a step of 2.5 ms."""
+    values = LYING | {"gravity": [9.81 * way, 0.0, 0.0], "integrator.step": 2.5e-3}
+    simulator = Simulator(scene(values, friction=0.0, grip=5.0))
+    simulator.advance(0.4)
+    assert simulator.held_at("guide") is None
+    assert simulator.velocities[:, 0] == pytest.approx(9.81 * way * simulator.time, rel=1e-9)
+    assert simulator.energy_error < 1e-9
+
+
 def test_a_gripper_that_follows_a_cable_and_beyond_it() -> None:
     values = HUNG | {"end.position": [0.0, 0.0, -1.0], "damping.mass": 0.0, "damping.bend": 0.0}
     limits = {"friction": 0.5, "grip": 0.1, "tangent_spring": 0.01}
