@@ -112,6 +112,9 @@ class _Spline:
     def through(self, u: Array, points: Array) -> Array:
         """Control points of the curve of the cable's length through points."""
         rows, values = self.fitting(u, points)
+        # As many rows as unknowns have the same sum of squares, but for a constant.
+        turn, rows = np.linalg.qr(rows)
+        values = turn.T @ values
         curve = self.solved(rows, values, self.held)
         for _ in range(STEPS):
             error, derivative = self._length_errors(curve)
@@ -315,6 +318,8 @@ def _no_spikes(spline: _Spline, u: Array, values: Array, still: bool = False) ->
         if left_out and min(left_out) > max(SPIKE * distance[worst], least):
             kept = good.copy()
         left_out.append(float(distance[worst]))
+        if left_out[-1] <= least:
+            break  # none of those that follow can be nearer than this and yet the least spike
         good[np.flatnonzero(good)[worst]] = False
     return kept
 
