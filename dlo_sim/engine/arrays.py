@@ -41,11 +41,12 @@ GUARDED = 32768  # spans are kept from turning over (`engine.span_guard`)
 BORDERED = 1 << 16  # a place between control points may be held (`engine.band`)
 LOADED = 1 << 17  # wrenches may act
 SPRUNG = 1 << 18  # springs may hold the cable
-MESHED = 1 << 24  # obstacles may be triangle meshes
+MESHED = 1 << 24  # obstacles may be triangle meshes (`contact.MESH`)
 SLIDING = 1 << 25  # grasps may let the cable slide
 PRESSURE = 1 << 26  # in the bore of a hose
 SELF = 1 << 27  # the cable touches itself (`engine.self_contact`)
 ROLLING = 1 << 28  # friction also turns the cable about its axis (`engine.rolling`)
+BOXED, ROUND, TUBED = 1 << 29, 1 << 30, 1 << 31  # obstacles may be `contact.BOX`, CYLINDER, TUBE
 
 # Of the terms that `scene.description.TERMS` and `scene.needs` know by a name.
 BITS = {

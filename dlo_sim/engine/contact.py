@@ -56,15 +56,19 @@ import numpy as np
 from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import grid, load, store
-from dlo_sim.compiling.lanes import LANES, fabs, lane, lane_sum, sqrt, where, zero
+from dlo_sim.compiling.lanes import LANES, any_above, fabs, lane, lane_sum, sqrt, where, zero
 from dlo_sim.compiling.pieces import ARRAY_2D, NO, YES, part, piece
 from dlo_sim.engine.arrays import (
+    BOXED,
     CABLE,
     CONTACT,
     LINES,
     MARGIN,
+    MESHED,
     ROLLING,
+    ROUND,
     TOUCHING,
+    TUBED,
     VECTOR,
     cable_at,
 )
@@ -80,8 +84,8 @@ START, MIDDLE, END = 0, 12, 24  # entries of a pose: R by rows (9), c (3)
 BEGUN, ENDED = 0, 1  # of `work.measured`: at the start and the end of a step
 UNKNOWN, KNOWN, OF_STEP = 0.0, 1.0, 2.0  # whether that is of the obstacles, and of this step
 # Entries there of a group of samples: points of the cable, their places in the frame of an
-# obstacle, and what `distance` says: d, n, f and the last six.
-POINT, PLACE, DISTANCE, NORMAL, FAR, BEND = 0, 3, 6, 7, 10, 11
+# obstacle, and what `keep` sets.
+POINT, PLACE, DISTANCE, NORMAL, FAR, BEND, SIZE = 0, 3, 6, 7, 10, 11, 17
 # Entries of the law of an obstacle, per length of cable: k, c, k_t, c_t, mu.
 STIFFNESS, DAMPING, BRISTLE, BRISTLE_DAMPING, FRICTION = range(5)
 # Entries of `work.rolling` of a sample: T without the spin in this step (3), l (3), mu p; the
@@ -109,21 +113,18 @@ def line_axis(cable, d):
     return cable.axes[d] if d < cable.dim else 3 - cable.axes[0] - cable.axes[1]
 
 
-@part
+@piece(void, CABLE, int64, int64, float64, terms=CONTACT)
 def set_pose(cable, o, at, t):
     """Set the pose of obstacle o at time t, its entries from `at` on."""
     m, pose = cable.inputs.obstacle[o], cable.state.pose[o]
     s = elapsed(m, t)
-    x, y, z = (
-        turned(m, t, 1.0, 0.0, 0.0),
-        turned(m, t, 0.0, 1.0, 0.0),
-        turned(m, t, 0.0, 0.0, 1.0),
-    )
+    for k in range(3):
+        x, y = 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0
+        v = turned(m, t, x, y, 1.0 - x - y)
+        for d in range(3):
+            pose[at + 3 * d + k] = component(v, line_axis(cable, d))
     for d in range(3):
         a = line_axis(cable, d)
-        pose[at + 3 * d] = component(x, a)
-        pose[at + 3 * d + 1] = component(y, a)
-        pose[at + 3 * d + 2] = component(z, a)
         way = m[POSITION + 3 + a] + s * m[POSITION + 6 + a]
         pose[at + 9 + d] = m[POSITION + a] + s * way - cable.contact.still[a]
 
@@ -215,10 +216,12 @@ def pose_way(cable, o):
     """By how much at most a point of the core of obstacle o moves in the step [m]."""
     pose = cable.state.pose[o]
     turn, way = 0.0, 0.0
-    for k in range(9):
-        turn += (pose[END + k] - pose[START + k]) ** 2
-    for k in range(9, 12):
-        way += (pose[END + k] - pose[START + k]) ** 2
+    for k in range(12):
+        moved = pose[END + k] - pose[START + k]
+        if k < 9:
+            turn += moved * moved
+        else:
+            way += moved * moved
     return np.sqrt(way) + np.sqrt(turn) * cable.contact.extent[o]
 
 
@@ -260,96 +263,6 @@ def sign(a):
     return where(a, 1.0, -1.0)
 
 
-@part
-def box_distance(contact, o, y):
-    """`distance` of a box."""
-    h = contact.half[o]
-    a, b, c = fabs(y[0]) - h[0], fabs(y[1]) - h[1], fabs(y[2]) - h[2]
-    u, v, w = where(a, a, 0.0), where(b, b, 0.0), where(c, c, 0.0)
-    far = sqrt(u * u + v * v + w * w)
-    inverse = 1.0 / (far + TINY)
-    first = where(a - b, 1.0, 0.0) * where(a - c, 1.0, 0.0)  # inside: the nearest face
-    second = (1.0 - first) * where(b - c, 1.0, 0.0)
-    third = 1.0 - first - second
-    inside = first * a + second * b + third * c
-    n = (
-        where(far, u * inverse, first) * sign(y[0]),
-        where(far, v * inverse, second) * sign(y[1]),
-        where(far, w * inverse, third) * sign(y[2]),
-    )
-    d = where(far, far, inside)
-    bend = (
-        where(far, where(a, 1.0, 0.0), first),
-        where(far, where(b, 1.0, 0.0), second),
-        where(far, where(c, 1.0, 0.0), third),
-        zero(),
-        zero(),
-        zero(),
-    )
-    return d, n, fabs(d) + TINY, bend
-
-
-@part
-def cylinder_distance(contact, o, y):
-    """`distance` of a cylinder about z: a box in the coordinates rho and z."""
-    h = contact.half[o]
-    rho = sqrt(y[0] * y[0] + y[1] * y[1])
-    ex, ey = y[0] / (rho + TINY), y[1] / (rho + TINY)
-    a, c = rho - h[0], fabs(y[2]) - h[2]
-    u, w = where(a, a, 0.0), where(c, c, 0.0)
-    far = sqrt(u * u + w * w)
-    side = where(a - c, 1.0, 0.0)  # inside: the nearest face
-    radial = where(far, u / (far + TINY), side)
-    n = radial * ex, radial * ey, where(far, w / (far + TINY), 1.0 - side) * sign(y[2])
-    d = where(far, far, where(a - c, a, c))
-    lateral = where(radial, where(c, where(far, 0.0, 1.0), 1.0), 0.0)
-    f = where(lateral, rho, fabs(d)) + TINY
-    # Along the rim the surface curves by 1 / rho: u / rho instead of 1 in f n' + n n^T.
-    less = where(lateral, 0.0, where(radial, 1.0 - u / (rho + TINY), 0.0))
-    on_side, on_cap = where(radial, 1.0, 0.0), where(lateral, 0.0, 1.0)
-    xx, yy = on_side - less * ey * ey, on_side - less * ex * ex
-    return d, n, f, (xx, yy, on_cap, less * ex * ey, zero(), zero())
-
-
-@part
-def tube_distance(contact, o, y):
-    """`distance` of a tube about z, open at both ends: a segment along z in the coordinates rho and
-    z. The distance from the middle of its wall, so that d > 0 on both sides.
-    """
-    h = contact.half[o]
-    rho = sqrt(y[0] * y[0] + y[1] * y[1])
-    ex, ey = y[0] / (rho + TINY), y[1] / (rho + TINY)
-    u, c = rho - h[0], fabs(y[2]) - h[2]
-    w = where(c, c, 0.0)
-    d = sqrt(u * u + w * w)
-    radial = where(d, u / (d + TINY), 1.0)
-    n = radial * ex, radial * ey, where(d, w / (d + TINY), 0.0) * sign(y[2])
-    # The wall curves by 1 / rho about the axis; at the rims also by 1 / d across it.
-    wall = where(-c, 1.0 if h[2] > 0.0 else 0.0, 0.0)
-    f = where(wall, rho, d) + TINY
-    round_ = where(wall, sign(u), u / (rho + TINY))
-    xx, yy = ex * ex + round_ * ey * ey, ey * ey + round_ * ex * ex
-    return d, n, f, (xx, yy, 1.0 - wall, (1.0 - round_) * ex * ey, zero(), zero())
-
-
-@part
-def distance(cable, o, y):
-    """Signed distance d from the core, its gradient n, the distance f from the centre of curvature,
-    and f n' + n n^T as its entries xx, yy, zz, xy, xz, yz.
-    """
-    contact = cable.contact
-    if contact.core[o] == HALF_SPACE:
-        one, none = zero() + 1.0, zero()
-        return y[2], (none, none, one), one, (none, none, one, none, none, none)
-    if contact.core[o] == BOX:
-        return box_distance(contact, o, y)
-    if contact.core[o] == CYLINDER:
-        return cylinder_distance(contact, o, y)
-    if contact.core[o] == TUBE:
-        return tube_distance(contact, o, y)
-    return field_distance(cable, o, y)
-
-
 # -- samples of the cable ------------------------------------------------------------------------
 
 
@@ -377,53 +290,6 @@ def weighted(cable, x, g, e):
         if cable.dim == 3:
             c = e[0] * x[2, at] + e[1] * x[2, at + 1] + (e[2] * x[2, at + 2] + e[3] * x[2, at + 3])
     return a, b, c
-
-
-@part
-def same_place(kept, y):
-    """Whether `work.measured` of a group is that of its places y."""
-    x, b, c = kept[PLACE] - y[0], kept[PLACE + 1] - y[1], kept[PLACE + 2] - y[2]
-    return lane_sum(fabs(x) + fabs(b) + fabs(c)) == 0.0  # not if a place is not finite
-
-
-@piece(void, CABLE, int64, int64, int64, LINES, terms=CONTACT)
-def measure(cable, o, g, when, x):
-    """Set `work.measured[o, g, when]` to the points on x of the samples of a group, their places in
-    the frame of an obstacle, and the distance of these; `when`: BEGUN for its pose at the start of
-    the step, without the curvature, or ENDED. What is known of these places is not computed again;
-    other obstacles come with other working memory, where nothing is known.
-    """
-    kept, known = cable.work.measured[o, g, when], cable.work.measured_known[o, g]
-    r = sample_at(cable, x, g)
-    y = to_body(cable.state.pose[o], START if when == BEGUN else END, r)
-    kept[POINT], kept[POINT + 1], kept[POINT + 2] = r
-    before, known[when] = known[when], OF_STEP if when == BEGUN else KNOWN
-    if before != UNKNOWN and same_place(kept, y):
-        return
-    kept[PLACE], kept[PLACE + 1], kept[PLACE + 2] = y
-    ended = cable.work.measured[o, g, ENDED]
-    if when == BEGUN and known[ENDED] != UNKNOWN and same_place(ended, y):
-        for k in range(DISTANCE, BEND):
-            kept[k] = ended[k]
-        return
-    kept[DISTANCE], n, kept[FAR], bend = distance(cable, o, y)
-    kept[NORMAL], kept[NORMAL + 1], kept[NORMAL + 2] = n
-    if when == ENDED:
-        kept[BEND], kept[BEND + 1], kept[BEND + 2] = bend[0], bend[1], bend[2]
-        kept[BEND + 3], kept[BEND + 4], kept[BEND + 5] = bend[3], bend[4], bend[5]
-
-
-@part
-def three(kept, at):
-    """Three successive entries of lanes."""
-    return kept[at], kept[at + 1], kept[at + 2]
-
-
-@part
-def measured(kept):
-    """`distance` of the samples of a group, as `measure` has kept it."""
-    bend = kept[BEND], kept[BEND + 1], kept[BEND + 2], kept[BEND + 3], kept[BEND + 4]
-    return kept[DISTANCE], three(kept, NORMAL), kept[FAR], (*bend, kept[BEND + 5])
 
 
 @part
@@ -513,6 +379,165 @@ def rolled(cable, o, g, x0, x1, n):
     size = cable.contact.radius * inverse / (sqrt(dot(n, n)) + TINY)
     phi = spin(cable, g, x0, x1) - inverse * dot(obstacle_turn(pose), t)
     return phi, scaled(size, cross(t, n))
+
+
+# -- distances from obstacles --------------------------------------------------------------------
+
+
+@part
+def three(kept, at):
+    """Three successive entries of lanes."""
+    return kept[at], kept[at + 1], kept[at + 2]
+
+
+@part
+def keep(kept, d, n, f, bend):
+    """Set entries of `work.measured`: signed distance d from the core, its gradient n, the distance
+    f from the centre of curvature, and f n' + n n^T as xx, yy, zz, xy, xz, yz.
+    """
+    kept[DISTANCE], kept[FAR] = d, f
+    kept[NORMAL], kept[NORMAL + 1], kept[NORMAL + 2] = n
+    kept[BEND], kept[BEND + 1], kept[BEND + 2] = bend[0], bend[1], bend[2]
+    kept[BEND + 3], kept[BEND + 4], kept[BEND + 5] = bend[3], bend[4], bend[5]
+
+
+@part
+def measured(kept):
+    """What `keep` has set: d, n, f, bend."""
+    bend = kept[BEND], kept[BEND + 1], kept[BEND + 2], kept[BEND + 3], kept[BEND + 4]
+    return kept[DISTANCE], three(kept, NORMAL), kept[FAR], (*bend, kept[BEND + 5])
+
+
+@part
+def same_place(kept, y):
+    """Whether `work.measured` of a group is that of its places y."""
+    a, b, c = kept[PLACE] - y[0], kept[PLACE + 1] - y[1], kept[PLACE + 2] - y[2]
+    return lane_sum(fabs(a) + fabs(b) + fabs(c)) == 0.0  # not if a place is not finite
+
+
+@piece(void, CABLE, int64, int64, int64, terms=BOXED)
+def box_distance(cable, o, g, when):
+    """`measure` for a box."""
+    kept, h = cable.work.measured[o, g, when], cable.contact.half[o]
+    y = three(kept, PLACE)
+    a, b, c = fabs(y[0]) - h[0], fabs(y[1]) - h[1], fabs(y[2]) - h[2]
+    u, v, w = where(a, a, 0.0), where(b, b, 0.0), where(c, c, 0.0)
+    far = sqrt(u * u + v * v + w * w)
+    inverse = 1.0 / (far + TINY)
+    first = where(a - b, 1.0, 0.0) * where(a - c, 1.0, 0.0)  # inside: the nearest face
+    second = (1.0 - first) * where(b - c, 1.0, 0.0)
+    third = 1.0 - first - second
+    inside = first * a + second * b + third * c
+    n = (
+        where(far, u * inverse, first) * sign(y[0]),
+        where(far, v * inverse, second) * sign(y[1]),
+        where(far, w * inverse, third) * sign(y[2]),
+    )
+    d = where(far, far, inside)
+    bend = (
+        where(far, where(a, 1.0, 0.0), first),
+        where(far, where(b, 1.0, 0.0), second),
+        where(far, where(c, 1.0, 0.0), third),
+        zero(),
+        zero(),
+        zero(),
+    )
+    keep(kept, d, n, fabs(d) + TINY, bend)
+
+
+@piece(void, CABLE, int64, int64, int64, terms=ROUND)
+def cylinder_distance(cable, o, g, when):
+    """`measure` for a cylinder about z: a box in the coordinates rho and z."""
+    kept, h = cable.work.measured[o, g, when], cable.contact.half[o]
+    y = three(kept, PLACE)
+    rho = sqrt(y[0] * y[0] + y[1] * y[1])
+    ex, ey = y[0] / (rho + TINY), y[1] / (rho + TINY)
+    a, c = rho - h[0], fabs(y[2]) - h[2]
+    u, w = where(a, a, 0.0), where(c, c, 0.0)
+    far = sqrt(u * u + w * w)
+    side = where(a - c, 1.0, 0.0)  # inside: the nearest face
+    radial = where(far, u / (far + TINY), side)
+    n = radial * ex, radial * ey, where(far, w / (far + TINY), 1.0 - side) * sign(y[2])
+    d = where(far, far, where(a - c, a, c))
+    lateral = where(radial, where(c, where(far, 0.0, 1.0), 1.0), 0.0)
+    f = where(lateral, rho, fabs(d)) + TINY
+    # Along the rim the surface curves by 1 / rho: u / rho instead of 1 in f n' + n n^T.
+    less = where(lateral, 0.0, where(radial, 1.0 - u / (rho + TINY), 0.0))
+    on_side, on_cap = where(radial, 1.0, 0.0), where(lateral, 0.0, 1.0)
+    xx, yy = on_side - less * ey * ey, on_side - less * ex * ex
+    keep(kept, d, n, f, (xx, yy, on_cap, less * ex * ey, zero(), zero()))
+
+
+@piece(void, CABLE, int64, int64, int64, terms=TUBED)
+def tube_distance(cable, o, g, when):
+    """`measure` for a tube about z, open at both ends: a segment along z in the coordinates rho and
+    z. The distance from the middle of its wall, so that d > 0 on both sides.
+    """
+    kept, h = cable.work.measured[o, g, when], cable.contact.half[o]
+    y = three(kept, PLACE)
+    rho = sqrt(y[0] * y[0] + y[1] * y[1])
+    ex, ey = y[0] / (rho + TINY), y[1] / (rho + TINY)
+    u, c = rho - h[0], fabs(y[2]) - h[2]
+    w = where(c, c, 0.0)
+    d = sqrt(u * u + w * w)
+    radial = where(d, u / (d + TINY), 1.0)
+    n = radial * ex, radial * ey, where(d, w / (d + TINY), 0.0) * sign(y[2])
+    # The wall curves by 1 / rho about the axis; at the rims also by 1 / d across it.
+    wall = where(-c, 1.0 if h[2] > 0.0 else 0.0, 0.0)
+    f = where(wall, rho, d) + TINY
+    round_ = where(wall, sign(u), u / (rho + TINY))
+    xx, yy = ex * ex + round_ * ey * ey, ey * ey + round_ * ex * ex
+    keep(kept, d, n, f, (xx, yy, 1.0 - wall, (1.0 - round_) * ex * ey, zero(), zero()))
+
+
+@piece(void, CABLE, int64, int64, int64, terms=MESHED)
+def mesh_distance(cable, o, g, when):
+    """`measure` for a mesh, with a distance of 1 m from the centre of curvature."""
+    kept = cable.work.measured[o, g, when]
+    d, n, (xx, yy, zz, xy, xz, yz) = field_distance(cable, o, three(kept, PLACE))
+    xx, yy, zz = xx + n[0] * n[0], yy + n[1] * n[1], zz + n[2] * n[2]
+    xy, xz, yz = xy + n[0] * n[1], xz + n[0] * n[2], yz + n[1] * n[2]
+    keep(kept, d, n, zero() + 1.0, (xx, yy, zz, xy, xz, yz))
+
+
+@part
+def set_distance(cable, o, g, when, y):
+    """`keep` the distance of the samples of a group at places y in the frame of an obstacle."""
+    core, kept = cable.contact.core[o], cable.work.measured[o, g, when]
+    kept[PLACE], kept[PLACE + 1], kept[PLACE + 2] = y
+    if core == HALF_SPACE:
+        one, none = zero() + 1.0, zero()
+        keep(kept, y[2], (none, none, one), one, (none, none, one, none, none, none))
+    elif core == BOX:
+        box_distance(cable, o, g, when)
+    elif core == CYLINDER:
+        cylinder_distance(cable, o, g, when)
+    elif core == TUBE:
+        tube_distance(cable, o, g, when)
+    else:
+        mesh_distance(cable, o, g, when)
+
+
+@piece(void, CABLE, int64, int64, int64, LINES, terms=CONTACT)
+def measure(cable, o, g, when, x):
+    """Set `work.measured[o, g, when]` to the points on x of the samples of a group, their places in
+    the frame of an obstacle, and the distance of these (`keep`); `when`: BEGUN for its pose at the
+    start of the step, or ENDED. What is known of these places is not computed again; other
+    obstacles come with other working memory, where nothing is known.
+    """
+    kept, known = cable.work.measured[o, g, when], cable.work.measured_known[o, g]
+    r = sample_at(cable, x, g)
+    y = to_body(cable.state.pose[o], START if when == BEGUN else END, r)
+    kept[POINT], kept[POINT + 1], kept[POINT + 2] = r
+    before, known[when] = known[when], OF_STEP if when == BEGUN else KNOWN
+    if before != UNKNOWN and same_place(kept, y):
+        return
+    ended = cable.work.measured[o, g, ENDED]
+    if when == BEGUN and known[ENDED] != UNKNOWN and same_place(ended, y):
+        for k in range(PLACE, SIZE):
+            kept[k] = ended[k]
+    else:
+        set_distance(cable, o, g, when, y)
 
 
 # -- the law of one sample -----------------------------------------------------------------------
@@ -868,7 +893,7 @@ def add_line(sums, e, dim, i, f):
             at += dim * dim
 
 
-@part
+@piece(void, CABLE, int64, LINES, terms=CONTACT)
 def add_block(cable, first, band):
     """band += `Work.contact_sums` of the spans of the block from this column on."""
     dim, sums = cable.dim, cable.work.contact_sums
@@ -883,7 +908,7 @@ def add_block(cable, first, band):
                 pair += 1
 
 
-@part
+@piece(void, CABLE, int64, LINES, terms=CONTACT)
 def add_span(cable, g, band):
     """band += what `Work.contact_values` of the samples of a group make of their span."""
     dim, values, sums = cable.dim, cable.work.contact_values, cable.work.pair_sums
@@ -920,56 +945,36 @@ def add_pair(dim, first, one, other, i, c, value, band):
 
 
 @part
-def core_distance(cable, o, r0, r1, r2):
-    """Distance of a point from the core of an obstacle at the start of the step, 0 inside."""
-    half, pose = cable.contact.half[o], cable.state.pose[o]
-    y = to_body(pose, START, (r0, r1, r2))
-    if cable.contact.core[o] == HALF_SPACE:
+def core_distance(cable, o, y):
+    """Distance from the core of an obstacle at places y in its frame, 0 inside; from the box around
+    a cylinder or mesh.
+    """
+    core, h = cable.contact.core[o], cable.contact.half[o]
+    if core == HALF_SPACE:
         return y[2]
-    c = max(abs(y[2]) - half[2], 0.0)
-    if cable.contact.core[o] in (BOX, MESH):
-        a, b = max(abs(y[0]) - half[0], 0.0), max(abs(y[1]) - half[1], 0.0)
-        return np.sqrt(a * a + b * b + c * c)
-    a = np.sqrt(y[0] * y[0] + y[1] * y[1]) - half[0]
-    a = max(a, 0.0) if cable.contact.core[o] == CYLINDER else abs(a)
-    return np.sqrt(a * a + c * c)
+    a, b, c = fabs(y[0]) - h[0], fabs(y[1]) - h[1], fabs(y[2]) - h[2]
+    if core == TUBE:
+        a, b = fabs(sqrt(y[0] * y[0] + y[1] * y[1]) - h[0]), zero()
+    a, b, c = where(a, a, 0.0), where(b, b, 0.0), where(c, c, 0.0)
+    return sqrt(a * a + b * b + c * c)
 
 
 @part
 def find_near(cable, x, margin):
-    """Set `state.near` to the groups whose samples may come within `margin` of an obstacle: the
-    ball around the box that contains them does.
+    """Set `state.near` to the groups of which a sample may come within `margin` of an obstacle at
+    the start of the step.
     """
-    contact, state, places = cable.contact, cable.state, cable.work.looked
+    contact, state = cable.contact, cable.state
     for o in range(contact.count):
         state.near_count[o] = 0.0
     for g in range(len(contact.first)):
-        r, weight = sample_at(cable, x, g), contact.weight[g]
-        for d in range(3):
-            store(places, d, 0, r[0] if d == 0 else (r[1] if d == 1 else r[2]))
-        square, c0, c1, c2 = -1.0, 0.0, 0.0, 0.0
-        for d in range(3):
-            low, high = np.inf, -np.inf
-            for k in range(LANES):
-                if lane(weight, k) != 0.0:
-                    low, high = min(low, places[d, k]), max(high, places[d, k])
-            if low > high:
-                break
-            middle = 0.5 * (low + high)
-            square = max(square, 0.0) + (high - middle) * (high - middle)
-            if d == 0:
-                c0 = middle
-            elif d == 1:
-                c1 = middle
-            else:
-                c2 = middle
-        if square < 0.0:
-            continue
-        room = np.sqrt(square) + margin
+        r, there = sample_at(cable, x, g), fabs(contact.weight[g])
         for o in range(contact.count):
             if (contact.core[o] == HALF_SPACE) != (g < contact.coarse):
                 continue
-            if core_distance(cable, o, c0, c1, c2) - contact.reach[o] <= room:
+            room = margin + contact.reach[o]
+            room = room - core_distance(cable, o, to_body(state.pose[o], START, r))
+            if any_above(where(there, room, 0.0)):
                 state.near[o, int(state.near_count[o])] = g
                 state.near_count[o] += 1.0
 

@@ -14,12 +14,11 @@ box, which is no more than that from the mesh.
 from __future__ import annotations
 
 import numpy as np
-from numba import int64, void
+from numba import void
 
 from dlo_sim.compiling.groups import grid, load, store
 from dlo_sim.compiling.lanes import LANES, any_above, lane, sqrt, where, zero
 from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, ARRAY_3D, part, piece
-from dlo_sim.engine.arrays import CABLE, MESHED
 
 # Numbers of the field of an obstacle: first grid point (3) [m], cells per length [1/m], corners of
 # the box around the mesh (6) [m].
@@ -215,7 +214,7 @@ def set_inside(found, field, begin, shape, at, fineness, place):
     found[8, at], found[9, at] = weighted(cx, z[1]) * square, weighted(cy, z[1]) * square
 
 
-@piece(void, CABLE, int64, terms=MESHED)
+@part
 def look_up(cable, o):
     """Replace in `work.looked`, on the lanes of samples that may touch, what is that of the box by
     that of the mesh: distance [m], gradient (3), second derivatives xx, yy, zz, xy, xz, yz [1/m] in
@@ -253,8 +252,9 @@ def beyond(y, low, high):
 
 @part
 def field_distance(cable, o, y):
-    """`contact.distance` of a mesh: with a distance of 1 m from the centre of curvature. For
-    samples that cannot touch it is a lower bound: far from the mesh that from the box around it.
+    """Signed distance from a mesh at places y in its frame, its gradient and second derivatives xx,
+    yy, zz, xy, xz, yz. For samples that cannot touch it is a lower bound: far from the mesh that
+    from the box around it.
     """
     numbers, found = cable.contact.field[o], cable.work.looked
     a = beyond(y[0], numbers[LOW], numbers[HIGH])
@@ -263,7 +263,7 @@ def field_distance(cable, o, y):
     far, none = sqrt(a * a + b * b + c * c), zero()
     inverse = 1.0 / (far + TINY)
     d, n = far, (a * inverse, b * inverse, c * inverse)
-    bend = none, none, none, none, none, none
+    bend, mixed = (none, none, none), (none, none, none)
     if any_above(cable.contact.reach[o] + ROUGH / numbers[FINENESS] - far):
         store(found, 0, 0, d)
         store(found, 1, 0, n[0])
@@ -276,12 +276,6 @@ def field_distance(cable, o, y):
         store(found, 12, 0, y[2])
         look_up(cable, o)
         d, n = load(found, 0, 0), (load(found, 1, 0), load(found, 2, 0), load(found, 3, 0))
-        bend = (
-            load(found, 4, 0) + n[0] * n[0],
-            load(found, 5, 0) + n[1] * n[1],
-            load(found, 6, 0) + n[2] * n[2],
-            load(found, 7, 0) + n[0] * n[1],
-            load(found, 8, 0) + n[0] * n[2],
-            load(found, 9, 0) + n[1] * n[2],
-        )
-    return d, n, none + 1.0, bend
+        bend = load(found, 4, 0), load(found, 5, 0), load(found, 6, 0)
+        mixed = load(found, 7, 0), load(found, 8, 0), load(found, 9, 0)
+    return d, n, (*bend, *mixed)

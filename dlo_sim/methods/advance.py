@@ -14,15 +14,18 @@ from dlo_sim.compiling.pieces import ARRAY_2D, ARRAY_3D, COUNTS, part, piece
 from dlo_sim.engine import contact
 from dlo_sim.engine.account import update_account
 from dlo_sim.engine.arrays import (
+    CABLE,
     CONSTRAINED,
     CONTACT,
     DIVERGED,
     IMPLICIT,
+    METHOD,
     NOT_CONVERGED,
     OK,
     PASSED,
     RUNGE_KUTTA,
     SPLITTING,
+    ZHAI,
     cable_at,
     method_at,
     records_at,
@@ -37,11 +40,11 @@ from dlo_sim.methods.works import NATURAL, evaluate, has_work, turn_natural_shap
 from dlo_sim.methods.zhai import zhai_step
 
 
-@part
-def take_step(method, cable, step, tau):
-    """Step number `step` of the scene's method; returns its outcome."""
-    if method.family == IMPLICIT:
-        return OK if implicit_step(method, cable, step, tau) else NOT_CONVERGED
+@piece(int64, METHOD, CABLE, int64, float64, terms=SPLITTING | RUNGE_KUTTA | ZHAI | CONSTRAINED)
+def explicit_step(method, cable, step, tau):
+    """Step number `step` of a method that is not implicit, as `take_step`; apart, so that scenes
+    with an implicit one do not compile its contact.
+    """
     touches = cable.terms & CONTACT != 0 and method.family != CONSTRAINED
     if touches:
         contact.begin_kicks(cable, step * tau, tau)
@@ -63,6 +66,14 @@ def take_step(method, cable, step, tau):
     if passed:
         return PASSED
     return OK if done else NOT_CONVERGED
+
+
+@part
+def take_step(method, cable, step, tau):
+    """Step number `step` of the scene's method; returns its outcome."""
+    if method.family == IMPLICIT:
+        return OK if implicit_step(method, cable, step, tau) else NOT_CONVERGED
+    return explicit_step(method, cable, step, tau)
 
 
 @piece(

@@ -122,12 +122,12 @@ def _terms(scene: Scene, needs: Needs, curved: bool, holding: Holding) -> int:
         bits.CURVED: curved,
         bits.MATERIAL: curved and "bishop" in needs,
         bits.ROLLING: rolls and {"contact", "bishop"} <= set(needs.active),
-        bits.MESHED: "contact" in needs and any(o.shape == "mesh" for o in scene.bodies),
         bits.DRAG: scene.drag_across > 0.0 or any(scene.water_drag),
         bits.THINNED: "bend" in needs and thinning,
     }
     present |= {bit: name in needs for name, bit in bits.BITS.items()}
-    return sum(bit for bit, there in present.items() if there) | terms_of_holding(holding)
+    active = sum(bit for bit, there in present.items() if there)
+    return active | obstacles.terms_of(scene) * ("contact" in needs) | terms_of_holding(holding)
 
 
 def terms_of_holding(holding: Holding) -> int:

@@ -14,7 +14,16 @@ from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core import bspline, mass, quadrature, rotations, spectrum
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import contact
-from dlo_sim.engine.arrays import MARGIN, MOTION_SIZE, ROLLING, CableArrays
+from dlo_sim.engine.arrays import (
+    BOXED,
+    MARGIN,
+    MESHED,
+    MOTION_SIZE,
+    ROLLING,
+    ROUND,
+    TUBED,
+    CableArrays,
+)
 from dlo_sim.engine.arrays import Contact as ContactArrays
 from dlo_sim.engine.grasps import DURATION, FRAME, POSITION, START, TURN
 from dlo_sim.scene.description import EARTH, LOSSY, Obstacle, Scene
@@ -48,6 +57,7 @@ DAMPED = 0.3  # share of critical damping of contact, if the scene gives none
 BRISTLES, BRISTLE_DAMPED = 1.0, 8.0
 
 
+GUIDES = "ring", "channel"  # shapes that a cable goes through
 ITSELF = "itself"  # the name of the cable among what it touches
 
 
@@ -73,7 +83,7 @@ def core_of(obstacle: Obstacle, radius: float) -> Core:
         return Core(contact.BOX, (x, y, z), radius)
     if obstacle.shape == "cylinder":
         return Core(contact.CYLINDER, (x, x, z), radius)
-    if obstacle.shape in ("ring", "channel"):
+    if obstacle.shape in GUIDES:
         length = z - y if obstacle.shape == "channel" else 0.0
         return Core(contact.TUBE, (x + y, 0.0, length), y + radius)
     if obstacle.shape == "mesh":
@@ -81,6 +91,20 @@ def core_of(obstacle: Obstacle, radius: float) -> Core:
         return Core(contact.MESH, (a, b, c), radius)
     length = max(z - x, 0.0) if obstacle.shape == "capsule" else 0.0
     return Core(contact.BOX, (0.0, 0.0, length), x + radius)
+
+
+# Bit of the code of a shape, which a plane does not need; shapes that markers bring.
+_CODE = {"box": BOXED, "sphere": BOXED, "capsule": BOXED, "cylinder": ROUND, "mesh": MESHED}
+_CODE |= {"ring": TUBED, "channel": TUBED}
+_FROM_MARKERS = BOXED | ROUND | MESHED
+
+
+def terms_of(scene: Scene) -> int:
+    """Bits of the shapes that the obstacles have or, from markers, may have."""
+    found = _FROM_MARKERS if scene.contact.markers else 0
+    for obstacle in scene.bodies:
+        found |= _CODE.get(obstacle.shape, 0)
+    return found
 
 
 def surface(obstacle: Obstacle, plate: float = 0.0) -> Array:
@@ -205,8 +229,9 @@ def at_rest(scene: Scene, origin: Array) -> Array:
     """
     rows = np.zeros((len(scene.bodies), MOTION_SIZE))
     for row, obstacle in zip(rows, scene.bodies, strict=True):
+        row[POSITION : POSITION + 3] = obstacle.position - origin
         turned = rotations.normalized(np.array(obstacle.orientation))
-        write(row, EndMotion.resting(np.array(obstacle.position) - origin, turned))
+        row[FRAME : FRAME + 9] = rotations.to_matrix(turned).ravel()
     return rows
 
 
@@ -278,15 +303,15 @@ def contact_with(
     cable: Cable,
     number: int,
     obstacle: Obstacle,
-    pose: tuple[Array, Array],
+    pose: tuple[Array, Array] | None,
     tension: Callable[[Array], Array] | None,
 ) -> Contact:
     """What of a cable touches an obstacle at the present configuration. The friction is that of
     the bristles, without their damping.
 
     Args:
-        number: of the obstacle. pose: position [m] and quaternion of it, world frame. tension: [N]
-            at material coordinates [m]; None = not known.
+        number: of the obstacle. pose: position [m] and quaternion of it, world frame, needed of
+            rings and channels (GUIDES). tension: [N] at material coordinates [m]; None = not known.
     """
     model, group = cable.model, cable.arrays.contact
     rows = np.zeros((len(group.first), 4 * LANES))
@@ -300,7 +325,9 @@ def contact_with(
     touches = np.any(found[:, 1:] != 0.0, axis=1)
     forces = np.zeros((int(touches.sum()), 3))
     forces[:, list(model.axes)] = found[touches, 1 : 1 + len(model.axes)]
-    points = bspline.evaluate(cable.points[:, :3], model.knots, u[touches]) + model.origin
+    points = np.zeros((0, 3))
+    if len(forces):
+        points = bspline.evaluate(cable.points[:, :3], model.knots, u[touches]) + model.origin
     sizes = np.linalg.norm(forces, axis=1) / rule.weights[there][touches]
     return Contact(
         clearance=float(found[:, 0].min()),
@@ -309,7 +336,7 @@ def contact_with(
         u=u[touches],
         points=points,
         forces=forces,
-        passes=passes(cable, obstacle, pose),
+        passes=passes(cable, obstacle, pose) if pose else np.zeros(0),
         tensions=_tensions(model.knots, u[touches], tension),
     )
 
@@ -324,7 +351,7 @@ def _tensions(knots: Array, u: Array, tension: Callable[[Array], Array] | None) 
 
 def passes(cable: Cable, obstacle: Obstacle, pose: tuple[Array, Array]) -> Array:
     """`Contact.passes` of an obstacle at a pose."""
-    if obstacle.shape not in ("ring", "channel"):
+    if obstacle.shape not in GUIDES:
         return np.zeros(0)
     model, opening = cable.model, 0.5 * obstacle.size[0]
     turn = rotations.to_matrix(pose[1])
@@ -567,7 +594,7 @@ def samples_by_span(knots: Array, pieces: int) -> tuple[Array, Array]:
     """Basis functions, weights, and derivatives of the basis functions by the local coordinate,
     shape (spans, samples, 9), of samples that touch planes, and of those that touch bodies.
     """
-    rules = plane_rule(knots), body_rule(knots, pieces)
+    rules = (rule_of(tuple(knots.tolist()), count) for count in (0, pieces))
     coarse, fine = (
         np.concatenate(
             [

@@ -238,11 +238,14 @@ class Simulator:
         """What is missing because of terms that the scene needs but are switched off, and what the
         model cannot show in its present state, one line each.
         """
+        return self.warnings_with(self.contacts)
+
+    def warnings_with(self, found: Mapping[str, obstacles.Contact]) -> tuple[str, ...]:
+        """`warnings` where `contacts` are known, which take long with many obstacles."""
         tolerance, account = self.scene.integrator.tolerance, self.cable.account
         notable = account.exchanged > NOTABLE * account.floor
         error = self.energy_error if notable else 0.0
-        found = self.contacts
-        itself = found.pop(obstacles.ITSELF, None)
+        itself = found.get(obstacles.ITSELF)
         lines = (
             coiling_warning(self.scene, self.cable),
             balance_warning(self.choice.method, tolerance, error),
@@ -250,7 +253,11 @@ class Simulator:
             obstacles.mesh_warning(self.scene),
             obstacles.depth_warning(self.scene, float(account.contact_deep)),
             *(obstacles.overlap_warning(*key, *found) for key, found in self._overlaps.items()),
-            *(obstacles.press_warning(name, one, self.scene) for name, one in found.items()),
+            *(
+                obstacles.press_warning(name, one, self.scene)
+                for name, one in found.items()
+                if name != obstacles.ITSELF
+            ),
             self._watch.warning,
             *self_contact.warnings(self.scene, self.cable, itself),
         )
@@ -769,7 +776,7 @@ class Simulator:
         """Add obstacles, at rest at their poses from now on; the work that this does is theirs.
 
         Needs the method energy_momentum or another one with one implicit step. The memory grows
-        with their number, and code for contact is compiled with the first one, unless the scene
+        with their number, and code is compiled with the first one of a shape, unless the scene
         makes room for them (contact.markers).
 
         Raises:
@@ -856,7 +863,8 @@ class Simulator:
         self._obstacle(name)
         number = [o.name for o in self.scene.bodies].index(name)
         tension = None if self.scene.without_tension else self.tension
-        body, pose = self.scene.bodies[number], self.end_pose(name)
+        body = self.scene.bodies[number]
+        pose = self.end_pose(name) if body.shape in obstacles.GUIDES else None
         return obstacles.contact_with(self.cable, number, body, pose, tension)
 
     def _give_way(self, *names: str, jumped: bool = False) -> None:
@@ -1354,12 +1362,10 @@ class Simulator:
             self.restore(self._initial)
         if self.scene.contact.markers and "contact" not in self._needs:
             x, y, z = (self._origin + 1e3 * self.scene.cable.length).tolist()
-            ball = Obstacle("ball", "sphere", position=(x, y, z))
             mesh = as_text(obstacles.surface(Obstacle("box", "box")))
             body = Obstacle("body", "mesh", position=(x, y, z), mesh=mesh, mesh_cells=8)
-            for ahead in ((ball,), (body,)):
-                self.replace_added(ahead)
-                self._read()
+            self.replace_added((body,))
+            self._read()
             self.restore(self._initial)
         for grasp in self.scene.grasps:
             try:

@@ -30,7 +30,7 @@ SHAPES = {
     "mesh": {"position": [0.5, 0.03, -0.09]},
     "rim": {"size": [0.04, 0.04, 0.1], "position": [0.52, 0.018, -0.056]},
 }
-ENTRIES = (0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)  # of `bend` in `contact.distance`
+ENTRIES = (0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)  # of `bend` in `contact.keep`
 LYING = [0.0, 0.6, 0.0, 0.8]  # its z axis is almost along x
 
 
@@ -151,8 +151,9 @@ def test_no_step_puts_energy_in(shape):
 @piece(void, int64, ARRAY_2D, ARRAY_2D, terms=CONTACT)
 def distances(address, points, out):
     y, to = grid(points), grid(out)
-    place = load(y, 0, 0), load(y, 1, 0), load(y, 2, 0)
-    d, n, f, bend = contact.distance(cable_at(address), 0, place)
+    cable, place = cable_at(address), (load(y, 0, 0), load(y, 1, 0), load(y, 2, 0))
+    contact.set_distance(cable, 0, 0, contact.ENDED, place)
+    d, n, f, bend = contact.measured(cable.work.measured[0, 0, contact.ENDED])
     for k, value in enumerate((d, n[0], n[1], n[2], f, *bend)):
         store(to, k, 0, value)
 
