@@ -51,6 +51,7 @@ class Simulated(Protocol):
     @property
     def control_points(self) -> Array: ...
 
+    def warnings_with(self, found: Any) -> tuple[str, ...]: ...
     def centerline(self, u: ArrayLike) -> Array: ...
     def tension(self, u: ArrayLike) -> Array: ...
     def curvature(self, u: ArrayLike) -> Array: ...
@@ -107,6 +108,9 @@ class FakeSimulator:
         self.tip = np.array(self.scene.end.position, dtype=float)
         self.speed = np.zeros(3)
         self.loads: dict[str, np.ndarray] = {}
+
+    def warnings_with(self, found: Any) -> tuple[str, ...]:
+        return self.warnings
 
     @property
     def time(self) -> float:

@@ -32,7 +32,7 @@ import operator
 import os
 import zlib
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, cast, get_type_hints, overload
 from weakref import WeakValueDictionary
 
@@ -216,7 +216,7 @@ class Group:
         for name, group in self.groups.items():
             setattr(self, name, given[name] if name in given else group(sizes))
         memory = aligned_zeros(self.room(most)) if memory is None else memory
-        at = 0
+        places, _ = self._layout(tuple(most.items()))
         for name, field in self.fields.items():
             if isinstance(field, (Number, Whole)):
                 setattr(self, name, sizes.get(name, 0))
@@ -225,9 +225,8 @@ class Group:
             if field.dtype is not np.float64:
                 setattr(self, name, np.zeros(shape, field.dtype))
                 continue
-            count = math.prod(shape)
+            at, count = places[name], math.prod(shape)
             setattr(self, name, self._array(field, memory[at : at + count].reshape(shape)))
-            at += _whole_vectors(math.prod(field.shape(most)))
 
     @staticmethod
     def _array(field: Field, array: Any) -> Any:
@@ -238,8 +237,20 @@ class Group:
     @classmethod
     def room(cls, sizes: Mapping[str, int]) -> int:
         """Real numbers in all arrays of the group itself, with what aligns them."""
-        kept = (f for f in cls.fields.values() if not isinstance(f, (Number, Whole, Wholes)))
-        return sum(_whole_vectors(math.prod(field.shape(sizes))) for field in kept)
+        return cls._layout(tuple(sizes.items()))[1]
+
+    @classmethod
+    @lru_cache(maxsize=64)
+    def _layout(cls, sizes: tuple[tuple[str, int], ...]) -> tuple[dict[str, int], int]:
+        """Where the arrays of real numbers begin, and how many numbers they have; kept, as a cable
+        has hundreds of arrays.
+        """
+        places, at, named = {}, 0, dict(sizes)
+        for name, field in cls.fields.items():
+            if field.dtype is np.float64 and not isinstance(field, Number):
+                places[name] = at
+                at += _whole_vectors(math.prod(field.shape(named)))
+        return places, at
 
     def table(self) -> list[int]:
         """Addresses, shapes and numbers of all fields, in the order of `kind`."""
@@ -256,7 +267,8 @@ class Group:
                 out.append(int(np.asarray(value).ctypes.data))
             else:
                 dims = value.ndim - len(cast(Field, field).inner)
-                out += [value.ctypes.data, *value.shape[:dims]]
+                # numpy's `ctypes.data` takes twice as long.
+                out += [value.__array_interface__["data"][0], *value.shape[:dims]]
         return out
 
     def pack(self) -> NDArray[np.int64]:

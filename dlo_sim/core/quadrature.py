@@ -6,6 +6,7 @@ Samples are grouped by knot span because a span is a vector lane of the compiled
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,9 +32,24 @@ class Quadrature:
 
 def gauss(breaks: NDArray[np.float64], points: int) -> Quadrature:
     """`points` Gauss-Legendre points per span: exact for degree 2 points - 1 on each span."""
-    xi, weights = np.polynomial.legendre.leggauss(points)
+    xi, weights = _gauss(points)
     half = 0.5 * np.diff(breaks)[:, None]
     return Quadrature(np.tile(xi, (len(half), 1)), weights * half)
+
+
+@lru_cache(maxsize=16)
+def _gauss(points: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Nodes and weights on [-1, 1]; kept, as the search for them takes a tenth of a millisecond."""
+    return np.polynomial.legendre.leggauss(points)
+
+
+@lru_cache(maxsize=16)
+def _radau(points: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Nodes and weights on [-1, 1] of Gauss-Radau points, the first at -1; kept as `_gauss`."""
+    basis = np.polynomial.legendre.Legendre.basis
+    nodes = np.sort((basis(points) + basis(points - 1)).roots().real)
+    nodes[0] = -1.0
+    return nodes, (1.0 - nodes) / (points * basis(points - 1)(nodes)) ** 2
 
 
 def with_ends(rule: Quadrature, ends: tuple[bool, bool]) -> Quadrature:
@@ -43,11 +59,7 @@ def with_ends(rule: Quadrature, ends: tuple[bool, bool]) -> Quadrature:
     Nodes are the roots of P_m + P_{m-1}, weights (1 - xi) / (m P_{m-1})^2 (Abramowitz & Stegun
     25.4.31).
     """
-    points = rule.xi.shape[1]
-    basis = np.polynomial.legendre.Legendre.basis
-    nodes = np.sort((basis(points) + basis(points - 1)).roots().real)
-    nodes[0] = -1.0
-    weights = (1.0 - nodes) / (points * basis(points - 1)(nodes)) ** 2
+    nodes, weights = _radau(rule.xi.shape[1])
     xi, shares = rule.xi.copy(), rule.weights.copy()
     if ends[0]:
         xi[0], shares[0] = nodes, 0.5 * weights * shares[0].sum()

@@ -39,6 +39,7 @@ from dlo_sim.session.topics import DEFAULT_NAMING, MARKERS, Naming, tf_inputs
 from dlo_sim.simulation.resolution import knot_grading
 
 if TYPE_CHECKING:
+    from dlo_sim.simulation.obstacles import Contact
     from dlo_sim.simulation.simulator import Simulator, Snapshot
 
 
@@ -461,6 +462,8 @@ class Session:
         drive, journal, simulator = self._drive, self.journal, self._drive.simulator
         lag = self._pacing.longest_lag_ns * 1e-9
         fresh, energy = journal.fresh_events(), simulator.energy()
+        contacts = simulator.contacts
+        warnings = simulator.warnings_with(contacts)
         level, text = OK, ""
         if self._failure:
             level, text = ERROR, self._failure
@@ -472,8 +475,8 @@ class Session:
             level, text = WARN, self._accuracy.warning
         elif fresh:
             level, text = WARN, journal.last_event
-        elif simulator.warnings:
-            level, text = WARN, simulator.warnings[0]
+        elif warnings:
+            level, text = WARN, warnings[0]
         delay = f"{(now_ns - self.stamp_ns) * 1e-9:.4f}" if self.started else "never"
         left_out = "; ".join(f"{name}: {why}" for name, why in simulator.left_out.items())
         values = [
@@ -485,10 +488,10 @@ class Session:
             (KNOTS, _density(simulator.scene)),
             ("active terms", ", ".join(simulator.active_terms)),
             ("left out", left_out),
-            ("warnings", "; ".join(simulator.warnings)),
+            ("warnings", "; ".join(warnings)),
             ("energy [J]", f"{energy.total:.9g}"),
             ("kinetic energy [J]", f"{energy.kinetic:.9g}"),
-            *_contact_values(simulator),
+            *_contact_values(simulator, contacts.values()),
             *_tension_values(simulator),
             *self._accuracy.values(),
             ("latency [s]", f"{self._latency.ns * 1e-9:.3f}"),
@@ -522,12 +525,11 @@ def _tension_values(simulator: Simulator) -> Iterator[tuple[str, str]]:
         yield f"{name} tensions [N]", f"{one.before:.6g}, {one.after:.6g}"
 
 
-def _contact_values(simulator: Simulator) -> list[tuple[str, str]]:
+def _contact_values(simulator: Simulator, found: Collection[Contact]) -> list[tuple[str, str]]:
     """Forces and clearance of obstacles and of the cable with itself, where there are some; else
     only the latter's clearance.
     """
     to_itself = [("clearance to itself [m]", f"{simulator.clearance_to_itself:.6g}")]
-    found = simulator.contacts.values()
     if not found:
         return to_itself
     forces = [one.exerted for one in found]

@@ -74,6 +74,7 @@ _SPARE = 1.2  # safety factor of the advice, so that the error ends up below the
 _UNEVEN = 1.7
 
 _Place = Callable[[Scene], Simulator]
+_Change = Callable[[Simulator], object]
 
 
 class _Finer(NamedTuple):
@@ -116,6 +117,7 @@ class ErrorEstimate:
         kept = max(1, round(WINDOW / (self._look * simulator.step)))
         self.companions = tuple(_Companion(simulator, part, place, kept) for part in PARTS)
         self._u = np.linspace(0.0, simulator.scene.cable.length, POINTS)
+        self._changed = False  # since the simulator last advanced, by what takes long
         self._compare()
 
     @classmethod
@@ -181,8 +183,7 @@ class ErrorEstimate:
         self, name: str, force: ArrayLike | None = None, torque: ArrayLike | None = None
     ) -> None:
         """See `Simulator.set_load`."""
-        for simulator in self._all():
-            simulator.set_load(name, force, torque)
+        self._change(lambda one: one.set_load(name, force, torque))
 
     def set_motion(self, end: str, motion: EndMotion) -> None:
         """See `Simulator.set_motion`."""
@@ -195,19 +196,19 @@ class ErrorEstimate:
         self._move(end, motion.rest(self.simulator.time))
 
     def replace_added(self, added: tuple[Obstacle, ...]) -> None:
-        """See `Simulator.replace_added`."""
-        for simulator in self._all():
-            simulator.replace_added(added)
+        """See `Simulator.replace_added`. It takes milliseconds, so the companions wait, and follow
+        one after the other in the next two calls of `advance_steps` that advance.
+        """
+        self._change(lambda one: one.replace_added(added), later=True)
+        self._changed = True
 
     def take(self, grasp: str, at: float | None = None) -> None:
         """See `Simulator.take`."""
-        for simulator in self._all():
-            simulator.take(grasp, at)
+        self._change(lambda one: one.take(grasp, at))
 
     def release(self, grasp: str) -> None:
         """See `Simulator.release`."""
-        for simulator in self._all():
-            simulator.release(grasp)
+        self._change(lambda one: one.release(grasp))
 
     def end_pose(self, end: str) -> tuple[Array, Array]:
         """See `Simulator.end_pose`."""
@@ -225,20 +226,29 @@ class ErrorEstimate:
     def _failure(self) -> str:
         return next((one.failure for one in self.companions if one.failure), "")
 
-    def _all(self) -> list[Simulator]:
-        # A failed companion has stopped at an earlier time and would refuse motions that begin now.
-        finer = (one.simulator for one in self.companions if not one.failure)
-        return [self.simulator, *(one for one in finer if one is not None)]
+    @property
+    def _steps(self) -> int:
+        """Steps of the simulator since its companions began."""
+        return self.simulator.steps - self._begun
+
+    def _change(self, change: _Change, later: bool = False) -> None:
+        """Change the simulator now, and the companions when they are at this time."""
+        change(self.simulator)
+        for companion in self.companions:
+            companion.change(self._steps, change, later)
 
     def _move(self, end: str, motion: EndMotion) -> None:
         """Set a motion, whose start is in the companions' time, in the companions."""
-        for simulator in self._all()[1:]:
-            simulator.set_motion(end, motion)
+        for companion in self.companions:
+            companion.change(self._steps, lambda one: one.set_motion(end, motion))
 
     def _follow(self) -> None:
-        began = time.perf_counter()
+        began, busy = time.perf_counter(), self._changed
+        self._changed = False
         for companion in self.companions:
-            companion.follow(self.simulator.steps - self._begun)
+            if not (companion.waits and busy):
+                busy = busy or companion.waits
+                companion.follow(self._steps)
         if self.simulator.steps % self._look == 0:
             self._compare()
         self.seconds += time.perf_counter() - began
@@ -246,7 +256,7 @@ class ErrorEstimate:
     def _compare(self) -> None:
         points = self.simulator.centerline(self._u)
         for companion in self.companions:
-            companion.compare(points, self._u)
+            companion.compare(self._steps, points, self._u)
 
 
 def error_along(
@@ -288,6 +298,7 @@ class _Companion:
         self.simulator: Simulator | None = None
         self.failure, self.largest = "", 0.0
         self._errors: deque[float] = deque(maxlen=kept)
+        self._waiting: deque[tuple[int, _Change]] = deque()
         try:
             if finer := _finer(original, part, place):
                 self.simulator = place(finer.scene)
@@ -300,22 +311,46 @@ class _Companion:
         """Largest error [m] of the last WINDOW; infinite after a failure."""
         return math.inf if self.failure else max(self._errors, default=0.0)
 
-    def follow(self, steps: int) -> None:
-        """Advance to the time of the original after this number of its steps."""
-        if self.simulator is None or self.failure:
-            return
-        report = self.simulator.advance_steps(steps * self._per_step - self.simulator.steps)
-        if not report.status.advanced:
-            self._fail(f"the finer run failed: {report.message}")
+    @property
+    def waits(self) -> bool:
+        """Whether there are changes that it has not made yet."""
+        return bool(self._waiting)
 
-    def compare(self, points: Array, u: Array) -> None:
-        """Estimate the error from the distance to the original's present points (len(u), 3)."""
+    def change(self, steps: int, change: _Change, later: bool = False) -> None:
+        """Make a change at the time of the original after these steps: now, or, `later` or if
+        others wait, when it follows again. Without effect after a failure.
+        """
         if self.simulator is None or self.failure:
             return
-        gap = self.simulator.centerline(u) - points
-        error = self._factor * math.sqrt(float(np.einsum("ij,ij->i", gap, gap).max()))
-        self._errors.append(error)
-        self.largest = max(self.largest, error)
+        if later or self._waiting:
+            self._waiting.append((steps, change))
+        else:
+            change(self.simulator)
+
+    def follow(self, steps: int) -> None:
+        """Advance to the time of the original after this number of its steps, with what waits."""
+        for at, change in (*self._waiting, (steps, None)):
+            if self.simulator is None or self.failure:
+                break
+            report = self.simulator.advance_steps(at * self._per_step - self.simulator.steps)
+            if not report.status.advanced:
+                self._fail(f"the finer run failed: {report.message}")
+            elif change is not None:
+                change(self.simulator)
+        self._waiting.clear()
+
+    def compare(self, steps: int, points: Array, u: Array) -> None:
+        """Estimate the error from the distance to the original's points (len(u), 3) after these
+        steps.
+        """
+
+        def estimate(simulator: Simulator) -> None:
+            gap = simulator.centerline(u) - points
+            error = self._factor * math.sqrt(float(np.einsum("ij,ij->i", gap, gap).max()))
+            self._errors.append(error)
+            self.largest = max(self.largest, error)
+
+        self.change(steps, estimate)
 
     def reset(self) -> None:
         """Go back to the initial state and clear the errors."""
@@ -332,6 +367,7 @@ class _Companion:
     def _forget(self) -> None:
         self.failure, self.largest = "", 0.0
         self._errors.clear()
+        self._waiting.clear()
 
     def _fail(self, reason: str) -> None:
         self.failure, self.largest = reason, math.inf
