@@ -175,7 +175,9 @@ class Report:
         self.figure(name, figure, caption)
 
     def bars(self, name: str, header: str, rows: Rows, caption: str) -> None:
-        """Add a figure of horizontal bars: a label, and a bar for each of the other columns."""
+        """Add a figure of horizontal bars: a label, and a bar for each of the other columns. The
+        axis is logarithmic if they differ by more than a factor of ten.
+        """
         names, cells = self._write_csv(name, header, rows)
         labels, *series = zip(*cells, strict=True)
         figure, (axes,) = new_figure(width=9.0, height=1.4 + 0.4 * len(cells))
@@ -183,7 +185,12 @@ class Report:
         for k, (title, values) in enumerate(zip(names[1:], series, strict=True)):
             bars = axes.barh(place + 0.4 - (k + 0.5) * thick, values, 0.95 * thick, label=title)
             axes.bar_label(bars, fmt="%.3g", fontsize="small", padding=2)
-        axes.set(xscale="log")
+        lengths = np.array(series, dtype=float)
+        low, high = float(np.nanmin(lengths)), float(np.nanmax(lengths))
+        if high > 10.0 * low > 0.0:
+            axes.set(xscale="log", xlim=(low / 2.0, high * (high / low) ** 0.1))
+        else:
+            axes.set_xlim(0.0, 1.1 * high)  # room for the numbers
         axes.set_yticks(place, labels)
         axes.grid(alpha=0.3, axis="x")
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(series))

@@ -282,6 +282,8 @@ def _panel(axes: Axes, steps: tuple[float, ...], column: dict[float, Limits]) ->
         """Row of a step, between those of the map; small ones at the edge."""
         return max(math.log(step / steps[0]) / math.log(steps[1] / steps[0]), -1.2)
 
+    if all(what == REFUSED for one in found for what in one.outcomes):
+        axes.text(0.5, 0.5, REFUSED, ha="center", color="dimgray", transform=axes.transAxes)
     for x, one in enumerate(found):
         for y, what in enumerate(one.outcomes):
             axes.text(x, y, SIGNS.get(what, ""), ha="center", va="center", color="dimgray")

@@ -157,6 +157,8 @@ def _charts(report: Report, cable: Cable) -> None:
     """Add errors over time and shapes of the best, the median and the worst piece."""
     order = np.argsort([one.l1 for one in cable.scores])
     chosen = {"best": order[0], "median": order[len(order) // 2], "worst": order[-1]}
+    if len(order) < 3:
+        del chosen["median"]
     errors, shapes = [], []
     for word, k in chosen.items():
         piece, predicted = cable.pieces[k], cable.predicted[k]
@@ -171,9 +173,12 @@ def _charts(report: Report, cable: Cable) -> None:
             shapes += [(title, f"measured, {at:g} s", x, z) for x, _, z in piece.markers[frame]]
     header, name = "piece | time [s] | mean distance [cm]", f"{cable.name}_pieces"
     report.chart(name, header, errors, f"{cable.name}: best, median and worst piece")
-    dots = {f"measured, {at:g} s": {"linestyle": "", "marker": "o"} for at in SHOWN}
+    looks: dict[str, dict[str, str]] = {}
+    for k, at in enumerate(SHOWN):
+        looks[f"predicted, {at:g} s"] = {"color": f"C{k}"}
+        looks[f"measured, {at:g} s"] = {"color": f"C{k}", "linestyle": "", "marker": "o"}
     header, caption = "piece | shape | x [m] | z [m]", f"{cable.name}: shapes of these pieces"
-    report.chart(f"{cable.name}_shapes", header, shapes, caption, equal=True, looks=dots)
+    report.chart(f"{cable.name}_shapes", header, shapes, caption, equal=True, looks=looks)
 
 
 def held(recording: Recording) -> Array:
