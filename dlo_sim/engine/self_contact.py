@@ -70,8 +70,10 @@ BLUNT, LONGEST = 0.005, 2.0
 CONE = 0.8  # cosine to its first edge, of a stretch of the cable that cannot touch itself
 TURN = 0.1  # change of edges, in their lengths, until such stretches are looked for anew
 # Change of an edge, in its length, up to which a stretch that is in its cone at the start of a step
-# cannot cross itself; else, as where a gripper jumps, the step is repeated with all stretches.
-FOLD = 0.4
+# cannot cross itself; else the step is repeated in halves, and where FOLD_HALVINGS do not help, as
+# where a gripper jumps, with all stretches.
+FOLD, FOLD_HALVINGS = 0.4, 4
+LAST_HALVINGS = 8  # of a step in which the cable passes through itself; then it may
 AHEAD = 8.0  # margin of `find_near` in motions that a step allows for
 ROOM, LEAST = 1.5, 0.1  # these, in expected motions, and of two spans in diameters
 STRETCHED = 0.65  # half a segment, in rest lengths, that is stretched by 30 %
@@ -731,12 +733,14 @@ def look(address):
 
 
 @part
-def looked_at_all(cable, x0, x1, change):
-    """Whether the motion of a step was not longer than its pairs allow for."""
+def looked_at_all(cable, x0, x1, change, folds):
+    """Whether the motion of a step was not longer than its pairs allow for. `folds`: one that folds
+    the cable is repeated with all pairs of spans.
+    """
     balance, spans = cable.state.balance, cable.n - 3
     way, turn = motion(cable, x0, x1)
     if turn > FOLD and balance.near_fold == 0.0:
-        balance.near_fold = 1.0
+        balance.near_fold = 1.0 if folds else 0.0
         return False
     if not balance.near_way + way <= balance.near_margin:
         balance.near_margin = 0.0
@@ -831,18 +835,26 @@ def crosses(cable, p):
     return False
 
 
-@piece(boolean, CABLE, float64, LINES, LINES, LINES, boolean, terms=SELF)
-def sane(cable, tau, x0, x1, change, last):
-    """Whether a converged step of length tau from x0 to x1 = x0 + change may stand: all that came
-    near was looked at, and nothing passed through itself. `last`: it may do so, and is counted.
+@part
+def too_many(cable, level, left):
+    """Whether a step that was halved `level` times, and can be `left` times more, should be, since
+    there is no room for the pairs that may touch in it.
     """
+    return cable.work.results.pairs_beyond > 0.0 and level < LAST_HALVINGS and left > 0
+
+
+@piece(boolean, CABLE, float64, LINES, LINES, LINES, int64, int64, terms=SELF)
+def sane(cable, tau, x0, x1, change, level, left):
+    """Whether a converged step of length tau from x0 to x1 = x0 + change may stand: all that came
+    near was looked at, and nothing passed through itself; or it is counted, since the step was
+    halved `level` times, and can be only `left` times more.
+    """
+    last = level >= LAST_HALVINGS or left == 0
     beyond = cable.work.results.pairs_beyond
-    if not looked_at_all(cable, x0, x1, change):
-        if not last:
+    if not looked_at_all(cable, x0, x1, change, level >= FOLD_HALVINGS):
+        if left > 0:
             return False
         beyond += 1.0
-    if beyond > 0.0 and not last:  # fewer may touch in a shorter step
-        return False
     cable.state.balance.pairs_lost += beyond
     work, count = cable.work, int(cable.state.balance.pairs)
     if count == 0:

@@ -116,7 +116,6 @@ from dlo_sim.methods.twist_step import end_twist, step_twist, twist_matrix
 
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_HALVINGS = 12
-LAST_HALVINGS = 8  # of a step in which the cable passes through itself; then it may
 CAREFUL_HALVINGS = 4  # of a step that folds the cable over; after these the fold is accepted
 SLOW = 0.02  # ratio of successive correction energies above which the matrix is renewed
 STALLED = 0.2  # the same above which a correction counts as stalled
@@ -717,6 +716,9 @@ def try_step(cable, method, t0, tau, whole, level):
     a = 2.0 / (tau * tau)
     b = a * tau
     begin_step(cable, t0, tau)
+    if cable.terms & SELF and self_contact.too_many(cable, level, method.halvings - level):
+        undo_step(cable)
+        return False
     reach = largest(cable.state.x, cable.dim)  # scale of the round-off of corrections
     moves = grasps_move(cable)
     coupled = cable.terms & (BISHOP | SLIDING) != 0
@@ -790,8 +792,8 @@ def try_step(cable, method, t0, tau, whole, level):
     if converged and level < CAREFUL_HALVINGS:
         converged = not turned_over(cable)
     if converged and cable.terms & SELF:
-        start, x, last = work.start, cable.state.x, min(LAST_HALVINGS, method.halvings)
-        converged = self_contact.sane(cable, tau, start, x, work.change, level >= last)
+        start, x, left = work.start, cable.state.x, method.halvings - level
+        converged = self_contact.sane(cable, tau, start, x, work.change, level, left)
     if converged and cable.terms & CONTACT:
         start, x = work.start, cable.state.x
         if cable.terms & ROLLING:  # with the twist of the last forces
