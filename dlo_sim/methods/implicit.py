@@ -722,6 +722,7 @@ def try_step(cable, method, t0, tau, whole, level):
     reach = largest(cable.state.x, cable.dim)  # scale of the round-off of corrections
     moves = grasps_move(cable)
     coupled = cable.terms & (BISHOP | SLIDING) != 0
+    lossy = cable.terms & (CONTACT | DAMPED) == CONTACT | DAMPED
     converged = False
     iterations = 0
     previous = np.inf
@@ -781,8 +782,9 @@ def try_step(cable, method, t0, tau, whole, level):
             # Corrections are round-off: the energy balance cannot be more accurate than this.
             floor = RESOLUTION * defect
         # The work of moving grasps needs the forces, and the twist the shape, after the last
-        # correction: one more evaluation, unless all is at rest.
-        again = moves or coupled
+        # correction: one more evaluation, unless all is at rest. So does the loss by damping, which
+        # may differ by the defect; without contact, motions are too smooth for that to matter.
+        again = moves or coupled or (lossy and defect > allowed)
         if converged and not (again and largest(work.change, cable.lines) > ROUND_OFF * reach):
             break
         linearize = energy > SLOW * previous and not converged

@@ -48,6 +48,8 @@ HUNG_DEPTH = 0.01
 # Penetration by the mass on a body alone of a cable thrown at inputs.max_speed, in half the
 # thickness of the body. What flies on beside a small body pulls it in more than twice as deep.
 THROWN_DEPTH = 0.2
+TAUT = 1e-3  # strain of what is pulled as usual
+TOO_DEEP = 0.1  # penetration in diameters that is told
 # Of half the thickness of a body: so deep is near its middle. Samples a reach apart can cross a
 # thin body no deeper than half of it.
 MIDDLE = 0.6
@@ -188,16 +190,29 @@ def check_outside(obstacle: Obstacle, diameter: float, u: Array, line: Array) ->
 
 def stiffness(scene: Scene, obstacle: Obstacle) -> float:
     """Contact force per length of cable and penetration [N/m^2]: as given, or such that neither its
-    weight nor its tension presses the cable in far, and a throw does not press it through.
+    weight nor the tension that the scene tells presses the cable in far, over an edge as sharp as
+    it is thick, and a throw does not press it through.
     """
     plane = scene.contact_stiffness
     if scene.contact.stiffness or obstacle.shape == "plane":
         return plane
     cable = scene.cable
     _, half, reach = core_of(obstacle, 0.5 * cable.diameter)
-    hung = cable.mu * EARTH * cable.length / (reach * HUNG_DEPTH * cable.diameter)
+    pulled = max(cable.mu * EARTH * cable.length, told_tension(scene))
+    hung = pulled / (0.5 * cable.diameter * HUNG_DEPTH * cable.diameter)
     thrown = cable.mu * (scene.inputs.max_speed / (THROWN_DEPTH * (min(half) + reach))) ** 2
     return max(plane, hung, thrown)
+
+
+def told_tension(scene: Scene) -> float:
+    """Tension [N] by the loads of a scene that are signals, and by ends that are further from each
+    other at first than the cable is long, up to one that stretches it by TAUT.
+    """
+    pulls = sum(math.hypot(*load.force) for load in scene.loads if load.signal != "none")
+    held = all(all(end.fixed) for end in scene.ends.values())
+    apart = math.dist(scene.start.position, scene.end.position) if held else 0.0
+    stretch = min(max(apart / scene.cable.length - 1.0, 0.0), TAUT)
+    return float(pulls + scene.cable.EA * stretch)
 
 
 def rests_damped(scene: Scene) -> bool:
@@ -432,10 +447,11 @@ def depth_warning(scene: Scene, count: float) -> str:
 
 def press_warning(name: str, found: Contact, scene: Scene) -> str:
     """One line if the cable is deep in an obstacle that presses it, else empty."""
-    if -found.clearance <= 0.5 * scene.cable.diameter or not len(found.u):
+    share = -found.clearance / scene.cable.diameter
+    if share <= TOO_DEEP or not len(found.u):
         return ""
     return (
-        f"obstacles.{name}: the cable is pressed {-found.clearance:.3g} m into it, more than half "
+        f"obstacles.{name}: the cable is pressed {-found.clearance:.3g} m into it, {share:.0%} of "
         "its diameter; give it room, or raise contact.stiffness"
     )
 
