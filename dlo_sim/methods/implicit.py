@@ -436,7 +436,7 @@ def correct(cable, known):
     factorised, z += s_(j+1) (s_j.z) / |s_j|^2 for all but the last, then
     s = z / (1 - s_last.z / |s_last|^2) (Kelley 1995, section 7.3).
 
-    Returns sum |r_i s_i|, |r.s|, the energy error sum |r_i change_i| [J] before this correction,
+    Returns sum |r_i s_i|, r.s, the energy error sum |r_i change_i| [J] before this correction,
     and the largest entry of s.
     """
     state, work, dim = cable.state, cable.work, cable.dim
@@ -470,7 +470,7 @@ def correct(cable, known):
     turn_vector(cable, state.direction, YES, step, 0)
     for r in range(size):
         defect += abs(step[r] * unbalanced[r])
-    return energy, abs(slope), defect, largest_entry
+    return energy, slope, defect, largest_entry
 
 
 @part
@@ -729,7 +729,7 @@ def try_step(cable, method, t0, tau, whole, level):
     linearize = not may_keep(cable, a)
     work.results.coupled = IN_STATE
     made = 0  # iteration in which the matrix was factorised, 0: in an earlier step
-    slope = 0.0  # |residual . correction| before the last correction
+    slope = 0.0  # residual . correction before the last correction
     share = 1.0  # of the last correction that x contains
     stalls = 0  # successive stalled corrections
     known = np.int64(0)  # corrections since the matrix was factorised
@@ -746,9 +746,11 @@ def try_step(cable, method, t0, tau, whole, level):
         iterations += 1
         if known > 0:
             along = dot(work.residual, work.corrections[known - 1])
-            if not abs(along) <= GROWTH * slope and share > SMALLEST_SHARE:
-                # Overshoot: shorten the last correction and continue with a new matrix.
-                less = share * shortened(slope, along)
+            if not abs(along) <= GROWTH * abs(slope) and share > SMALLEST_SHARE:
+                # Overshoot: shorten the last correction and continue with a new matrix. Where what
+                # sticks slips, one of Broyden's may point the wrong way: it is undone.
+                wrong = known > 1 and slope < 0.0
+                less = 0.0 if wrong else share * shortened(abs(slope), along)
                 add_correction(cable, known - 1, less - share)
                 share = less
                 linearize = True
