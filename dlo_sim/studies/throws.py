@@ -84,12 +84,12 @@ def throws(count: int) -> Measured:
         if not math.isnan(one.momentum):
             by_kind[one.kind == "itself"].append(one.momentum)
     answers = (
-        Answer("throws that pass", 0.0, sum(one.passed for one in found), 0.0),
-        Answer("throws that fail, or NaN", 0.0, failed + sum(not t.finite for t in found), 0.0),
-        Answer("throws that miss", 0.0, sum(not one.hit for one in found), 0.1 * count),
-        Answer("open share of the energy", 0.0, max(one.energy for one in found), 1e-4),
-        Answer("of the momentum, at itself", 0.0, max(by_kind[True]), 1e-9),
-        Answer("of the momentum, at bodies", 0.0, max(by_kind[False]), 0.01),
+        Answer(f"of {count} throws pass", 0.0, sum(one.passed for one in found), 0.0),
+        Answer(f"of {count} fail or are NaN", 0.0, failed + sum(not t.finite for t in found), 0.0),
+        Answer(f"of {count} touch nothing", 0.0, sum(not one.hit for one in found), 0.1 * count),
+        Answer(f"energy of {count} throws, open by", 0.0, max(one.energy for one in found), 1e-4),
+        Answer(f"momentum of {count} throws, at itself open by", 0.0, max(by_kind[True]), 1e-9),
+        Answer(f"momentum of {count} throws, at bodies open by", 0.0, max(by_kind[False]), 0.01),
     )
     return Measured(answers, sum(one.seconds for one in found), None)
 
