@@ -32,9 +32,14 @@ from dlo_sim.studies.throws import throws
 # A test as a function of its resolution, and resolutions: of every study, and of a full one.
 Test = tuple[Callable[..., Measured], tuple[float, ...], tuple[float, ...]]
 PANELS: dict[str, dict[str, Test]] = {  # panel of the figure -> name -> test
-    "on a table": {
+    "at rest, and bouncing": {
         "rest on a table, yaw 0": (partial(rest, 0.0), (1e-2,), (5e-3,)),
         "rest on a table, yaw 10 degrees": (partial(rest, YAW), (1e-2,), (5e-3,)),
+        "bounce, 10 ms": (bounce, (1e-2,), ()),
+        "bounce, 1 ms": (bounce, (1e-3,), ()),
+        "bounce, 0.1 ms": (bounce, (1e-4,), ()),
+    },
+    "lifted ends": {
         "lifted end, held": (partial(lifted, True), (20, 40), (80,)),
         "lifted end, pinned": (partial(lifted, False), (20, 40), (80,)),
     },
@@ -58,12 +63,7 @@ PANELS: dict[str, dict[str, Test]] = {  # panel of the figure -> name -> test
         "linked loops": (linked, (70,), (100,)),
         "plectoneme": (plectoneme, (40,), (60,)),
     },
-    "bounces and throws": {
-        "bounce, 10 ms": (bounce, (1e-2,), ()),
-        "bounce, 1 ms": (bounce, (1e-3,), ()),
-        "bounce, 0.1 ms": (bounce, (1e-4,), ()),
-        "random throws at 20 m/s": (throws, (60,), (1000,)),
-    },
+    "throws": {"random throws at 20 m/s": (throws, (60,), (1000,))},
 }
 HEADER = (
     "test | resolution | quantity | exact | measured | error [%] | allowed | verdict | run time [s]"

@@ -263,6 +263,10 @@ def draw(
         axes.plot(*np.array(points).T, **{**own, **look, **(looks or {}).get(name, {})})
     for axis in log:
         axes.set(**{f"{axis}scale": "log"})
+        low, high = getattr(axes, f"get_{axis}lim")()
+        if high < 10.0 * low:  # so that a power of ten is on the axis, and labels do not overlap
+            middle = math.sqrt(low * high)
+            axes.set(**{f"{axis}lim": (middle / math.sqrt(10.0), middle * math.sqrt(10.0))})
         # Two minor ticks per decade have labels, and only on an axis of less than two decades.
         ticks = getattr(axes, f"{axis}axis")
         ticks.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
