@@ -99,7 +99,7 @@ JUMP = 0.05  # share of the reach that a step may move past an obstacle without 
 # cable is less than half of that, so half would already turn it round.
 KICK = 0.4
 RETURN = 0.2  # [m/s], at which an obstacle that has yielded pushes the cable out
-PRESSED = 0.1  # diameters that a cable may be inside what an obstacle that yields has left
+PRESSED = 0.2  # diameters that a cable may be inside what an obstacle that yields has left
 SHALLOW = 0.03  # diameters that a cable may be inside an obstacle that does not yield
 AHEAD = 16.0  # expected motions of a step that the margin of the broad phase allows for
 
@@ -1019,6 +1019,7 @@ def begin(cable, t0, tau, way, x):
             known[BEGUN] = min(known[BEGUN], KNOWN)
         if cable.state.yielded[o, 0] > 0.0:
             least = deepest_begun(cable, o, x) - PRESSED * cable.contact.least_margin
+            least = min(least, cable.state.yielded[o, 0])  # no further in, whatever pulls
             cable.state.yielded[o, 1] = max(cable.state.yielded[o, 1], least)
 
 
