@@ -223,6 +223,13 @@ def problem_of(triangles: Array) -> str:
         )
     if float(np.ptp(points, axis=0).min()) < SAME * extent:
         return "is flat; a sheet needs a thickness"
+    faces = np.sort(number.reshape(-1, 3), axis=1)
+    faces = faces[(np.diff(faces, axis=1) > 0).all(axis=1)]
+    if 2 * len(np.unique(faces, axis=0)) <= len(faces):
+        return (
+            "has every triangle twice, as where both sides of faces are exported, so that nothing "
+            "tells what is inside; remove one of each in the program that made it"
+        )
     return ""
 
 

@@ -246,6 +246,9 @@ def test_meshes_without_a_file_are_refused():
         meshes.keep_triangles(np.zeros((2, 3)))
     with pytest.raises(ValueError, match="triangles: is not closed"):
         meshes.keep_triangles(OPEN)
+    box = solids.box(0.1, 0.1, 0.1)
+    with pytest.raises(ValueError, match="triangles: has every triangle twice, as where both"):
+        meshes.keep_triangles(np.concatenate([box, box[:, ::-1]]))
 
 
 def test_a_cable_that_begins_in_a_mesh_is_refused():
