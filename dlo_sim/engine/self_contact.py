@@ -321,6 +321,8 @@ def add_force(cable, springs, rate, most, rubs, x1, out):
     k, c, k_t, whole = law_of_step(cable, rate, most)
     stiff, rubbed = (k_t, whole), rubs and chain.law[FRICTION] > 0.0
     place_corners(cable, x1)
+    if rate == 0.0:
+        lengths_of_pairs(cable)
     gather(cable, ENDED)
     forces, begun = work.pair_force, BEGUN if rate > 0.0 else ENDED
     worked, lost = zero(), zero()
@@ -412,6 +414,7 @@ def energy(cable, x, out):
     if count == 0:
         return
     place_corners(cable, x)
+    lengths_of_pairs(cable)  # the pairs may be those of a state that was restored
     gather(cable, ENDED)
     for p in range(0, count, LANES):
         blunt = load(ends, BLUNT_A, p), load(ends, BLUNT_B, p)

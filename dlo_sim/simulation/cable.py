@@ -290,6 +290,16 @@ class Cable:
         self.call(self_contact.report, rows)
         return rows
 
+    def part_strands(self) -> float:
+        """Let strands that overlap give way (`engine.self_contact`); returns by how much [m]."""
+        if not self.model.has(SELF):
+            return 0.0
+        depth = -float(self.strands()[:, 0].min(initial=0.0))
+        if depth < contact.SHALLOW * self.arrays.chain.diameter:
+            depth = 0.0
+        self.account.pair_yield = self.account.pair_yield_end = depth
+        return depth
+
     def give_way(self, obstacle: int) -> float:
         """Let an obstacle yield to the cable that is inside it; returns by how much [m]."""
         return float(self.call(contact.give_way, obstacle))
@@ -388,15 +398,9 @@ class Cable:
         if self.model.has(SELF):
             state.pair[:] = 0.0
             self.call(self_contact.look)
-            self._part_strands()
+            state.balance.overlap = self.part_strands()
         state.balance.floor = 0.5 * cable.mu * cable.length * (CREEP * cable.length) ** 2
         self.call(between_steps.open_account)
-
-    def _part_strands(self) -> None:
-        """Let strands that overlap give way (`engine.self_contact`)."""
-        account, depth = self.account, -float(self.strands()[:, 0].min(initial=0.0))
-        if depth > contact.SHALLOW * self.arrays.chain.diameter:
-            account.overlap = account.pair_yield = account.pair_yield_end = depth
 
     def _forget_history(self) -> None:
         """Set the numbers that are zero without earlier steps."""

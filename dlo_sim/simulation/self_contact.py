@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -74,7 +74,7 @@ TRIED = 8  # nearest pairs of spans that are refined
 # turn by 60 degrees before spans are compared, and by 180 before they touch.
 MOVED = 1.0
 _XI = np.linspace(-1.0, 1.0, PLACES)
-DEEP = 0.5  # diameters, inside itself, in which no cable may begin
+DEEP = 0.5  # diameters, inside itself, in which no cable may be held when it begins
 PRESSED = 0.01  # of the diameter that strands are inside each other, above which this is said
 
 
@@ -270,9 +270,10 @@ def warnings(scene: Scene, cable: Cable, found: Contact | None) -> Iterator[str]
             f"{diameter:.2g} m; raise discretization.control_points to {needed}, or the diameter"
         )
     if account.overlap:
+        side = ", maybe to the wrong side" if account.overlap > DEEP * diameter else ""
         yield (
             f"contact.self: the cable began up to {account.overlap:.3g} m inside itself, and is "
-            f"pushed out at {RETURN:g} m/s; begin with its strands apart"
+            f"pushed out at {RETURN:g} m/s{side}; begin with its strands apart"
         )
     deep = -found.clearance - account.pair_yield
     if deep > PRESSED * diameter:
@@ -283,19 +284,25 @@ def warnings(scene: Scene, cable: Cable, found: Contact | None) -> Iterator[str]
         )
 
 
-def check_start(scene: Scene, cable: Cable) -> None:
-    """Refuse a cable that begins inside itself.
+def check_start(scene: Scene, cable: Cable, held: Sequence[float]) -> None:
+    """Refuse a cable that begins inside itself where it is held, and so cannot be pushed out.
+
+    Args:
+        held: material coordinates of what is held [m].
 
     Raises:
         SceneError: naming the key and the cure.
     """
-    if not cable.model.has(SELF):
+    diameter = scene.cable.diameter
+    if not (cable.model.has(SELF) and len(held)):
         return
-    found = nearest(cable.model, cable.points, scene.cable.diameter)
-    if found.clearance < -DEEP * scene.cable.diameter:
+    found = nearest(cable.model, cable.points, diameter)
+    away = max(float(np.abs(np.array(held) - u).min()) for u in found.u)
+    if found.clearance < -DEEP * diameter and away < APART * diameter:
         raise SceneError(
             f"contact.self: the cable begins {-found.clearance:.3g} m inside itself, at "
-            f"{found.u[0]:.3g} m and {found.u[1]:.3g} m; move its ends apart or set it to off"
+            f"{found.u[0]:.3g} m and {found.u[1]:.3g} m, where it is held; move its ends or grasps "
+            "apart, or set it to off"
         )
 
 

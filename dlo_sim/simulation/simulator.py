@@ -177,7 +177,8 @@ class Simulator:
         lay = self._lay_natural_shape if self._natural.follows else None
         place(scene, self._geometries, self._ends, self.cable, lay)
         if not continues:
-            self_contact.check_start(scene, self.cable)
+            held = [one.u for one in self._geometries.values() if one.u is not None]
+            self_contact.check_start(scene, self.cable, held)
         self._watch = self_contact.Watch()
         frequency = largest_frequency(scene, self.cable)
         frequency = with_grasps_and_contact(scene, model, frequency)
@@ -1037,6 +1038,7 @@ class Simulator:
             angle = self._angle_at(geometry.u, self.cable.points)
             self._ends.count_from(grasp, self.time, angle)
         self._activate(self._needs, geometries)
+        self.cable.part_strands()
         self.cable.account.drive_work += self.cable.present_energy() - before
 
     def _held_with(self, grasp: str, geometry: Geometry) -> Geometries:
