@@ -748,8 +748,10 @@ def try_step(cable, method, t0, tau, whole, level):
             along = dot(work.residual, work.corrections[known - 1])
             if not abs(along) <= GROWTH * abs(slope) and share > SMALLEST_SHARE:
                 # Overshoot: shorten the last correction and continue with a new matrix. Where what
-                # sticks slips, one of Broyden's may point the wrong way: it is undone.
-                wrong = known > 1 and slope < 0.0
+                # sticks to an obstacle slips, one of Broyden's may point the wrong way: it is
+                # undone. (Not where strands touch: undoing let a thin knot come undone.)
+                touches = cable.terms & (CONTACT | SELF) == CONTACT
+                wrong = touches and known > 1 and slope < 0.0
                 less = 0.0 if wrong else share * shortened(abs(slope), along)
                 add_correction(cable, known - 1, less - share)
                 share = less
