@@ -168,6 +168,7 @@ class Slides(Group):
     count = Whole()
     grasp = Wholes("slides")
     law = Reals("slides", 4)  # `sliding.STIFFNESS` to GRIP
+    stops = Reals("slides", 2)  # material coordinates between which it slides [m]
     breaks = Reals("n")  # material coordinates of the ends of the knot spans [m]
 
 

@@ -26,6 +26,9 @@ start of the step; that at its end has no derivative, as |P a|, where the grippe
 Explicit steps cannot let the cable slide: with u fixed in a step of length tau, friction would be
 too large by k tau/2 times the speed of sliding.
 
+A gripper stops beside one that holds the cable fast, and two that slide never pass each other: u
+stays within stops (`stops_of`), where the force along the cable is more than friction.
+
 A cable whose end passes the gripper slips out of it: its u is LOST from then on. In the step in
 which it does, its tangent goes on beyond the end, so that friction limits the force to the last.
 """
@@ -46,6 +49,7 @@ START, END = 0, 6  # entries of the pose of its gripper: p (3), d (3), by line
 LOST = -1.0
 MOST_SEARCHES = 30  # for u1
 CLOSE = 1e-13  # of the length, below which u1 is found
+NEXT = 1e-6  # of the length, how near a slide comes to what else holds the cable
 APART = 1e-7  # of the length, below which the mean tangent is the tangent
 
 
@@ -159,6 +163,23 @@ def response(cable, k, u0, u1, x0, x1):
     return a, b, t, turn, driving, law[FRICTION] * (pressed + law[GRIP]), begun, end
 
 
+@part
+def stops_of(cable, k):
+    """Material coordinates [m] between which slide k may end a step: less than halfway to others
+    that slide, and no nearer than NEXT.
+    """
+    slide, stops = cable.state.slide, cable.slides.stops[k]
+    u, apart = slide[k], NEXT * cable.slides.breaks[cable.n - 3]
+    low, high = min(stops[0], u), max(stops[1], u)
+    for other in range(cable.slides.count):
+        v = slide[other]
+        if v != LOST and v < u:
+            low = max(low, min(u, max(u - 0.4 * (u - v), v + apart)))
+        if v > u:
+            high = min(high, max(u, min(u + 0.4 * (v - u), v - apart)))
+    return low, high
+
+
 @piece(float64, CABLE, int64, LINES, LINES, terms=SLIDING)
 def slid_to(cable, k, x0, x1):
     """Material coordinate u1 [m] of slide k at the end of a step from x0 to x1, or on the tangent
@@ -166,6 +187,7 @@ def slid_to(cable, k, x0, x1):
     """
     law, u0 = cable.slides.law[k], cable.state.slide[k]
     length = cable.slides.breaks[cable.n - 3]
+    low, high = stops_of(cable, k)
     u1, side = u0, 0.0
     for _ in range(MOST_SEARCHES):
         _, _, t, turn, driving, limit, _, _ = response(cable, k, u0, u1, x0, x1)
@@ -176,7 +198,7 @@ def slid_to(cable, k, x0, x1):
         stiffness = law[STIFFNESS] * dot(t, t) + 0.5 * law[TURNING] * dot(turn, turn)
         before = u1
         u1 += (driving - side * limit) / stiffness
-        u1 = min(max(u1, -length), 2.0 * length)
+        u1 = min(max(u1, low), high)
         if side * (u1 - u0) < 0.0:
             return u0
         if abs(u1 - before) <= CLOSE * length:
@@ -264,7 +286,8 @@ def slide_tangent(cable, slips, x0, x1, scale, band):
         _, _, t, _, _, _, _, end = response(cable, k, u0, u1, x0, x1)
         inverse = 1.0 / dot(t, t)
         along = 1.0 if slips else 0.0
-        if u1 != u0:  # the force along the cable is the friction
+        low, high = stops_of(cable, k)
+        if u1 != u0 and low < u1 < high:  # the force along the cable is the friction
             along = -1.0
         for i in range(dim):
             for j in range(dim):

@@ -269,6 +269,7 @@ class _Filling:
         slides.breaks[: self._model.n - 2] = bspline.breaks(self._model.knots)
         for k, slide in enumerate(held):
             slides.grasp[k], slides.law[k] = slide.grasp, slide.law
+            slides.stops[k] = slide.stops
 
     def _loads(self) -> None:
         loads, knots = self._arrays.loads, self._model.knots

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, rotations
+from dlo_sim.engine.sliding import NEXT
 from dlo_sim.scene.description import EARTH, Grasp, Holder, Scene
 from dlo_sim.scene.needs import inextensible
 from dlo_sim.scene.refusal import SceneError
@@ -85,12 +86,14 @@ class Slide:
     """A grasp that lets the cable slide (`engine.sliding`).
 
     Attributes:
-        u: material coordinate that it holds first [m]. law: k, k_t, mu and grip.
+        u: material coordinate that it holds first [m]. law: k, k_t, mu and grip. stops: material
+            coordinates between which it slides [m], beyond the cable where an end is free.
     """
 
     grasp: int
     u: float
     law: tuple[float, float, float, float]
+    stops: tuple[float, float] = (-np.inf, np.inf)
 
 
 @dataclass
@@ -197,7 +200,25 @@ def holding_of(
                 xi = float(bspline.locate(knots, geometry.u)[1])
                 directions.append(Row(point, grasp, len(axes), stiffness=roll, xi=xi))
     holding.springs += directions + between
+    held = [
+        float(geometries[name].u or 0.0)
+        for name, holder in scene.holders.items()
+        if geometries[name].u is not None and (any(holder.fixed) or any(holder.spring))
+        if not (isinstance(holder, Grasp) and holder.slides)
+    ]
+    holding.slides = [stopped(slide, held, scene.cable.length) for slide in holding.slides]
     return holding
+
+
+def stopped(slide: Slide, held: Sequence[float], length: float) -> Slide:
+    """A slide that stops beside what else holds the cable, at these material coordinates [m]; not
+    at that where it begins, unless this is an end.
+    """
+    apart = NEXT * length
+    below = [u for u in held if u < slide.u or u == slide.u == 0.0]
+    above = [u for u in held if u > slide.u or u == slide.u == length]
+    low, high = max(below, default=-2.0 * length) + apart, min(above, default=3.0 * length) - apart
+    return replace(slide, u=min(max(slide.u, low), high), stops=(low, high))
 
 
 def law_of_slide(grasp: Grasp, scene: Scene) -> tuple[float, float, float, float]:

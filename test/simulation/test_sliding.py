@@ -128,6 +128,25 @@ def test_a_gripper_that_follows_a_cable_and_beyond_it() -> None:
     assert simulator.advance(0.01).status.ok
 
 
+@pytest.mark.parametrize("other_slides", [False, True])
+def test_a_gripper_stops_beside_another_one(other_slides: bool) -> None:
+    """It follows the cable down to one that holds it fast, or that slides with more friction."""
+    other = {"at": 0.5, "position": [0.0, 0.0, -0.5], "slides": other_slides}
+    values = HUNG | {"end.position": [0.0, 0.0, -1.0], "grasps.names": ["guide", "other"]}
+    values |= {f"grasps.other.{key}": value for key, value in other.items()}
+    if other_slides:
+        values |= {"grasps.other.friction": 0.5, "grasps.other.grip": 100.0}
+    simulator = Simulator(scene(values, position=[0.0, 0.0, -0.3], at=0.3))
+    path = EndMotion.resting(*simulator.end_pose("guide"))
+    simulator.set_motion("guide", path.then(0.25, velocity=[0.0, 0.0, -0.9]))
+    for _ in range(10):
+        assert simulator.advance(0.025).status.ok
+        assert simulator.held_at("guide") < (simulator.held_at("other") or 0.0) <= 0.5 + 1e-3
+    assert simulator.held_at("guide") == pytest.approx(0.5, abs=1e-3)
+    assert simulator.reaction("guide")[0][2] < -1.0  # it draws at the cable, which it cannot pass
+    assert simulator.energy_error < 1e-8
+
+
 def friction_at_a_bend(tension: float, turn: float, grip: float) -> float:
     """Pull T2 [N] that draws a cable through a guide against a pull T1 = `tension`.
 
