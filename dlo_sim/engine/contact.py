@@ -545,7 +545,7 @@ def measure(cable, o, g, when, x):
 
 @part
 def misses(contact, o, here, there, dy):
-    """Whether no lane touches or passes an obstacle in a step dy between two `distance`: it is
+    """Whether no lane touches or passes an obstacle in a step dy between two `measured`: it is
     outside before and after, and moves by no more than both gaps; false for a half space, where
     nothing is saved.
     """
@@ -573,7 +573,7 @@ def pressed(k, c, g0, g1):
 @part
 def pressure(cable, o, rate, here, there, dy):
     """Gaps before and after, n, p_el, p, dp/dg1, f0 + f1, 1 where the step may have passed through
-    the obstacle, and 1 near its middle, for a step dy between two `distance`. `rate`: 1 / tau, or 0
+    the obstacle, and 1 near its middle, for a step dy between two `measured`. `rate`: 1 / tau, or 0
     at its end.
     """
     contact, yielded = cable.contact, cable.state.yielded[o]
@@ -742,7 +742,7 @@ def energy(cable, x, out):
 
 @part
 def pressed_by_motion(there, found):
-    """Minus d (p n) / d y1, by lines, from a `distance` and a `pressure`."""
+    """Minus d (p n) / d y1, by lines, from a `measured` and a `pressure`."""
     n1, bend = there[1], there[3]
     _, n, _, p, slope, both, _, _ = found
     turn = -p / both

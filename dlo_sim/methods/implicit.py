@@ -151,7 +151,9 @@ def copy_entries(source, target):
 def predict(cable, tau):
     """Predictor: quadratic extrapolation of the last three configurations, or constant w if they
     are not known. If the motion alternates from step to step, as undamped stiff modes do in steps
-    far too long for them, the configuration before the present one.
+    far too long for them, the configuration before the present one. With contact, where stick and
+    slip may change in every step, the second difference counts with the share of it that was right
+    in the step before (`learn_bow`): 1 is the quadratic, 0 the linear extrapolation.
 
     Shifts the history by one configuration.
     """
@@ -173,6 +175,16 @@ def predict(cable, tau):
         a = (tau + last) * (tau + both) / (last * both)
         b = -tau * (tau + both) / (last * before_last)
         c = tau * (tau + last) / (both * before_last)
+    even = known and not alternates and tau == last == before_last
+    if cable.terms & CONTACT:
+        bow = cable.work.bow
+        for d in range(cable.lines):
+            for i in range(0, cable.columns, LANES):
+                second = load(x, d, i) - 2.0 * load(near, d, i) + load(far, d, i)
+                store(bow, d, i, second if even else zero())
+        if even:
+            share = balance.contact_bow
+            a, b, c = 2.0 + share, -1.0 - 2.0 * share, share
     for d in range(cable.lines):
         for i in range(0, cable.columns, LANES):
             now, before = load(x, d, i), load(near, d, i)
@@ -186,6 +198,20 @@ def predict(cable, tau):
             store(near, d, i, now)
     balance.length_before = last
     balance.length = tau
+
+
+@part
+def learn_bow(cable):
+    """Set the share of the second difference before the step that best tells the one with it."""
+    bow, change, start = cable.work.bow, cable.work.change, cable.work.start
+    both, square = zero(), zero()
+    for d in range(cable.dim):
+        for i in range(0, cable.columns, LANES):
+            second = load(change, d, i) - load(start, d, i) + load(cable.state.history[1], d, i)
+            both += second * load(bow, d, i)
+            square += load(bow, d, i) * load(bow, d, i)
+    share = lane_sum(both) / max(lane_sum(square), SMALLEST)
+    cable.state.balance.contact_bow = min(max(share, 0.0), 1.0)
 
 
 @part
@@ -617,6 +643,8 @@ def finish_step(cable, t0, tau, whole, lost):
     state, work, balance = cable.state, cable.work, cable.state.balance
     change, ahead = work.change, work.rate
     moves = grasps_move(cable)
+    if cable.terms & CONTACT:
+        learn_bow(cable)
     lost += end_twist(cable, t0, tau)
     for line in range(cable.lines):
         for c in range(0, cable.columns, LANES):

@@ -1,5 +1,7 @@
 """Obstacles that are added and removed while a cable is simulated."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -95,6 +97,23 @@ def test_a_box_that_comes_pushes_the_cable_aside():
     sim.advance(0.5)
     assert sim.centerline([0.15])[0, 1] == pytest.approx(-0.01 - 0.003, abs=1e-3)
     assert sim.energy_error < 1e-4
+
+
+def test_the_predictor_takes_the_bow_of_a_smooth_motion_over():
+    """That of a fall, but not past the step that ends it."""
+    sim = lying(**{"damping.mass": 0.0})
+    sim.add_obstacles([replace(TABLE, position=(0.0, 0.0, -0.05))])
+    sim.advance(0.05)
+    assert sim.cable.account.contact_bow == pytest.approx(1.0, abs=1e-3)
+    before = sim.steps
+    report = sim.advance(0.03)
+    assert report.force_evaluations == sim.steps - before, "what falls freely is where predicted"
+    shares = []
+    while not len(sim.contact("table").u):
+        sim.advance_steps(1)
+        shares.append(sim.cable.account.contact_bow)
+    assert shares[-2] == pytest.approx(1.0, abs=1e-3)
+    assert shares[-1] < 0.1
 
 
 def test_one_that_grows_where_it_is_is_as_close_as_a_new_one():
