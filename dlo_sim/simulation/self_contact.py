@@ -275,7 +275,8 @@ def warnings(scene: Scene, cable: Cable, found: Contact | None) -> Iterator[str]
             f"contact.self: the cable began up to {account.overlap:.3g} m inside itself, and is "
             f"pushed out at {RETURN:g} m/s{side}; begin with its strands apart"
         )
-    deep = -found.clearance - account.pair_yield
+    # Between segments: where they bend, the surface of the cable is further in (METHODS.md).
+    deep = -float(cable.strands()[:, 0].min(initial=0.0)) - account.pair_yield
     if deep > PRESSED * diameter:
         yield (
             f"contact.self: strands are pressed {deep:.2g} m into each other, {deep / diameter:.1%}"
