@@ -243,6 +243,7 @@ class State(Group):
     pull = Reals("rigid")  # S^-1 B M^-1 f, force of the cable on the grasps, last evaluation
     moved = Reals("rigid")  # prescribed displacement since then
     reaction = Reals("rigid")  # mean force over the last step
+    reaction_before = Reals("rigid")  # over the step before
     rates_before = Reals("rigid")  # target rates of the last velocity correction (`rattle`)
     anchor = Reals("springs")  # target of each spring
     anchor_counted = Reals("springs")  # targets up to which the account has the work
@@ -265,7 +266,7 @@ class State(Group):
         "known",  # number of steps in the history
         "length",  # of the last implicit step [s]
         "length_before",  # of the one before [s]
-        "has_reaction",
+        "reactions",  # steps whose reactions are known, up to 2
         "plastic_work",  # [J]
         "torsion_looks",  # counts of samples with suppressed torsion: how many
         "torsion_sum",

@@ -37,8 +37,8 @@ def add_moment(cable, f, t, out):
 def add_wrench(address, grasp, rows, points, about, out):
     """out += force [N] and moment [N m] of a grasp on the cable, world axes, shape (6,).
 
-    A constraint row with multiplier F (`rows`, one for each; if empty the mean over the last step,
-    state.reaction) and direction e applies Q = F e to sum_k b_k x_k: the force (sum_k b_k) Q and
+    A constraint row with multiplier F (`rows`, one for each; if empty the mean over the last two
+    steps) and direction e applies Q = F e to sum_k b_k x_k: the force (sum_k b_k) Q and
     the moment (sum_k b_k (x_k - x_e)) x Q about a point x_e (`about` [m], (3,); `points` [m],
     (n, 4)). A twist row is a moment about the tangent at its end. Springs contribute their present
     forces.
@@ -50,7 +50,11 @@ def add_wrench(address, grasp, rows, points, about, out):
         if rows.grasp[k] != grasp:
             continue
         line, point = rows.line[k], rows.point[k]
-        force = given[k] if len(given) > 0 else state.reaction[k]
+        force = state.reaction[k]
+        if state.balance.reactions > 1.0:
+            force = 0.5 * (force + state.reaction_before[k])
+        if len(given) > 0:
+            force = given[k]
         weights, begin = cable.points.weights[point], cable.points.first[point]
         if line == dim:
             add_moment(cable, force, edge(cable, state.x, cable.points.own[point]), out)

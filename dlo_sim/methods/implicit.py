@@ -673,7 +673,6 @@ def finish_step(cable, t0, tau, whole, lost):
     accept_slides(cable, work.start, state.x)
     for k in range(cable.rows.count):
         state.reaction[k] += tau / whole * work.row_force[k]
-    balance.has_reaction = 1.0
     balance.known += 1.0
 
 
@@ -859,6 +858,7 @@ def implicit_step(method, cable, step, tau):
     begun, budget = results.evaluations, max(BUDGET // (cable.n * cable.dim), LEAST_BUDGET)
     whole = 1 << MAX_HALVINGS
     for k in range(cable.rows.count):
+        cable.state.reaction_before[k] = cable.state.reaction[k]
         cable.state.reaction[k] = 0.0
     at = 0.0
     for k in range(method.stages):
@@ -877,4 +877,5 @@ def implicit_step(method, cable, step, tau):
             else:
                 level += 1
         at += method.substeps[k]
+    cable.state.balance.reactions = min(cable.state.balance.reactions + 1.0, 2.0)
     return True

@@ -406,7 +406,7 @@ class Cable:
         """Set the numbers that are zero without earlier steps."""
         account = self.account
         account.known = account.is_counted = account.pending = 0.0
-        account.has_reaction = account.matrix_weight = 0.0
+        account.reactions = account.matrix_weight = 0.0
         if self.model.has(CONTACT):
             self.call(contact.look_everywhere)
         account.near_margin = 0.0

@@ -60,6 +60,10 @@ BRISTLES, BRISTLE_DAMPED = 1.0, 8.0
 
 
 GUIDES = "ring", "channel"  # shapes that a cable goes through
+# Turns of a cable round an obstacle within a knot span [rad]: beyond the first a warning says so;
+# the second is that of the spans it asks for.
+MOST_TURN, SMALL_TURN = 1.0, 0.5
+
 ITSELF = "itself"  # the name of the cable among what it touches
 
 
@@ -456,6 +460,29 @@ def press_warning(name: str, found: Contact, scene: Scene) -> str:
     )
 
 
+def edge_warning(name: str, found: Contact, model: Model, points: Array) -> str:
+    """One line if the cable, of control points (n, 4), bends round what it touches within a knot
+    span, else empty.
+    """
+    if not len(found.u) or not found.total:
+        return ""
+    bends, slopes = (bspline.evaluate(points[:, :3], model.knots, found.u, k) for k in (2, 1))
+    pushed = found.forces / np.maximum(np.linalg.norm(found.forces, axis=1), contact.TINY)[:, None]
+    curvature = -np.sum(bends * pushed, axis=1) / np.sum(slopes**2, axis=1)
+    breaks = bspline.breaks(model.knots)
+    last = np.clip(np.searchsorted(breaks, found.u), 1, len(breaks) - 1)
+    turns = curvature * (breaks[last] - breaks[last - 1])
+    worst = int(np.argmax(turns))
+    if turns[worst] <= MOST_TURN:
+        return ""
+    needed = math.ceil((len(breaks) - 1) * turns[worst] / SMALL_TURN) + bspline.DEGREE
+    return (
+        f"obstacles.{name}: the cable bends round it by {turns[worst]:.2g} rad in a knot span at "
+        f"{found.u[worst]:.3g} m, so forces there may be some 10 % off or more; raise "
+        f"discretization.control_points to {needed}"
+    )
+
+
 def out_of_reach(scene: Scene) -> dict[str, str]:
     """Obstacles that the cable cannot reach -> the reason, as in `Needs.left_out`."""
     found = {f"obstacles.{one.name}": beyond_reach(scene, one) for one in scene.bodies}
@@ -476,15 +503,15 @@ def beyond_reach(scene: Scene, obstacle: Obstacle) -> str:
 
 
 def rounding(scene: Scene, obstacle: Obstacle) -> float:
-    """Radius [m] of the bend of a soft cable that is drawn round an obstacle, on its axis; infinite
-    for shapes without a radius.
+    """Radius [m] of the bend of a soft cable that is drawn round an obstacle, or over its edge, on
+    the axis of the cable.
     """
     radius = 0.5 * scene.cable.diameter
     if obstacle.shape in ("sphere", "cylinder", "capsule"):
         return 0.5 * obstacle.size[0] + radius
     if obstacle.shape in ("ring", "channel"):
         return core_of(obstacle, radius).reach
-    return math.inf
+    return radius
 
 
 def pieces_of(scene: Scene) -> int:

@@ -12,18 +12,19 @@ from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
-_OF_LAST_STEP = np.zeros(0)  # tells `add_wrench` to use the reactions of the last step
+_OF_LAST_STEPS = np.zeros(0)  # tells `add_wrench` to use the reactions of the last steps
 
 
 def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Array:
     """Force [N] and moment [N m] of an end effector on the cable, world frame, shape (6,).
 
     The moment is about the held point. The part of the constraint rows is the mean over the last
-    step of an implicit method, else the present value, which for an inextensible cable
-    (`keeps_length`) includes the constraint forces. The part of the springs is the present value.
+    two steps of an implicit method, from one to the next of which that of a stiff cable alternates
+    after a jump; else the present value, which for an inextensible cable (`keeps_length`) includes
+    the constraint forces. The part of the springs is the present value.
     """
-    rows = _OF_LAST_STEP
-    if not cable.account.has_reaction:
+    rows = _OF_LAST_STEPS
+    if not cable.account.reactions:
         rows = _held_with_constraints(cable, t) if keeps_length else cable.held_force(t)
     points = cable.points
     about = points[-grasp, :3] if grasp < 2 else _place_of(cable.model, grasp, points, cable.slides)

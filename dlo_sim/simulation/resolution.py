@@ -10,10 +10,10 @@ with the natural curvature kappa and r the smaller of
 - a sixth of the length, the radius of a ring; a twelfth with both ends held, that of the S or the
   loop that grippers force a stiff cable into.
 
-A round obstacle (sphere, cylinder, capsule, ring, channel) within reach bends the cable to its
-radius, with the cable's, or lambda if that is larger. Spans are at most ROUND times that: friction
-round a rough cylinder is then right to 1 %, with spans of 1.2 times the radius to 4 %, and of 1.6
-times to 33 %.
+An obstacle within reach bends the cable to its radius with the cable's, at an edge of a box or a
+mesh to that of the cable alone; or to lambda if that is larger. Spans are at most ROUND times that:
+friction round a rough cylinder is then right to 1 %, with spans of 1.2 times the radius to 4 %, and
+of 1.6 times to 33 %. Edges alone do not ask for more than MOST_FOR_EDGES control points.
 
 Errors of the position [m] found with knot spans of length h:
 
@@ -45,6 +45,8 @@ LONGEST = 1.5  # spans per length are not longer than this, whatever the target
 # that two grippers force it into; whether both ends are held.
 RADIUS = {False: 6.0, True: 12.0}
 REACH = 2.8  # lambda over which the density of knots decays; by the errors of ten cables
+EDGED = "box", "mesh"
+MOST_FOR_EDGES = 60  # control points, as most cables lie on flat sides
 FEWEST, MOST = 9, 250  # control points that are chosen; with 250, steps still keep up
 
 
@@ -147,9 +149,12 @@ def _round_spans(scene: Scene, bend: float) -> list[tuple[float, str]]:
     """
     if not scene.touches:
         return []
-    round_ = [one for one in scene.bodies if math.isfinite(rounding(scene, one))]
-    within = [one for one in round_ if not beyond_reach(scene, one)]
-    return [(ROUND * max(rounding(scene, one), bend), one.name) for one in within]
+    least, found = scene.cable.length / (MOST_FOR_EDGES - bspline.DEGREE), []
+    for one in scene.bodies:
+        if one.shape != "plane" and not beyond_reach(scene, one):
+            span = ROUND * max(rounding(scene, one), bend)
+            found.append((max(span, least * (one.shape in EDGED)), one.name))
+    return found
 
 
 def _span(length: float, factor: float, order: int, target: float) -> float:

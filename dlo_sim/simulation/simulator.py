@@ -247,6 +247,8 @@ class Simulator:
         notable = account.exchanged > NOTABLE * account.floor
         error = self.energy_error if notable else 0.0
         itself = found.get(obstacles.ITSELF)
+        bodies = {name: one for name, one in found.items() if name != obstacles.ITSELF}
+        points = self.cable.points
         lines = (
             coiling_warning(self.scene, self.cable),
             balance_warning(self.choice.method, tolerance, error),
@@ -254,10 +256,10 @@ class Simulator:
             obstacles.mesh_warning(self.scene),
             obstacles.depth_warning(self.scene, float(account.contact_deep)),
             *(obstacles.overlap_warning(*key, *found) for key, found in self._overlaps.items()),
+            *(obstacles.press_warning(name, one, self.scene) for name, one in bodies.items()),
             *(
-                obstacles.press_warning(name, one, self.scene)
-                for name, one in found.items()
-                if name != obstacles.ITSELF
+                obstacles.edge_warning(name, one, self.model, points)
+                for name, one in bodies.items()
             ),
             self._watch.warning,
             *self_contact.warnings(self.scene, self.cable, itself),

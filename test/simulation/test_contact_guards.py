@@ -1,9 +1,12 @@
 """Obstacles that jump, steps that would jump over them, and cables with no room."""
 
+import re
+
 import numpy as np
 import pytest
 from cables import simulator
 
+from dlo_sim import Simulator, load_scene
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.simulation.report import Status
 
@@ -262,3 +265,38 @@ def test_an_obstacle_that_is_thinner_than_the_samples_is_told():
     )
     assert line.endswith("raise discretization.control_points to 19 or more")
     assert not lying(pin, {"discretization.control_points": 19}).warnings
+
+
+def test_a_bend_round_an_edge_that_the_spans_cannot_follow_is_told():
+    """Chosen spans can, given ones need not; what lies flat is not meant."""
+    values = {
+        "cable.length": 0.6,
+        "cable.diameter": 0.006,
+        "cable.bending_stiffness": 1e-5,
+        "cable.linear_density": 0.03,
+        "damping.mass": 5.0,
+        "damping.bend": 0.01,
+        "start.position": [-0.4, 0.0, 0.003],
+        "end.position": [0.2, 0.0, 0.003],
+        "end.fixed": [False] * 3,
+        "initial.shape": "straight",
+        "integrator.method": "energy_momentum",
+        "contact.friction": 0.5,
+        "obstacles.names": ["box"],
+        "obstacles.box.shape": "box",
+        "obstacles.box.size": [1.0, 0.5, 0.1],
+        "obstacles.box.position": [-0.5, 0.0, -0.05],
+    }
+    told = {}
+    for points in (0, 25):
+        sim = Simulator(load_scene(values | {"discretization.control_points": points}))
+        assert not sim.warnings
+        sim.advance(1.0)
+        told[sim.model.n] = sim.warnings
+    assert told[60] == ()
+    (line,) = told[25]
+    assert re.fullmatch(
+        r"obstacles.box: the cable bends round it by 1\.\d rad in a knot span at 0\.40\d m, so "
+        r"forces there may be some 10 % off or more; raise discretization.control_points to 5\d",
+        line,
+    )
