@@ -128,6 +128,7 @@ ROUND_OFF = 1e-14  # corrections below this share of the coordinates are round-o
 BUDGET = 300_000  # unknowns times iterations per step with all its parts: some 30 ms
 LEAST_BUDGET = 500  # iterations per step
 ROOM = 10.0  # error of the energy balance in the long run, in tolerances
+SPARE = 0.9  # of that with contact, of which many steps use all: TIGHT adds up beyond it
 TIGHT = 1e-10  # tolerance of a step once that is reached
 SAFETY = 10.0  # factor on the expected contraction
 MOST_WITH_KEPT = 3  # iterations with a matrix of an earlier step; with a new one two are usual
@@ -680,13 +681,13 @@ def finish_step(cable, t0, tau, whole, lost):
 
 
 @part
-def allowed_error(balance, tolerance, inertia):
+def allowed_error(balance, tolerance, inertia, room):
     """Energy error [J] allowed in this step: `tolerance` times the energy exchanged so far, reduced
-    to TIGHT times an energy scale as the error of the balance approaches ROOM tolerances.
+    to TIGHT times an energy scale as the error of the balance approaches `room` tolerances.
 
     The scale includes `floor` and the work against inertia, so that a run can start at rest.
     """
-    loose = tolerance * balance.exchanged - balance.error / ROOM
+    loose = tolerance * balance.exchanged - balance.error / room
     scale = max(balance.exchanged, max(balance.floor, 0.1 * inertia))
     return max(loose, min(tolerance, TIGHT) * scale)
 
@@ -749,6 +750,7 @@ def try_step(cable, method, t0, tau, whole, level):
     reach = largest(cable.state.x, cable.dim)  # scale of the round-off of corrections
     moves = grasps_move(cable)
     coupled = cable.terms & (BISHOP | SLIDING) != 0
+    room = SPARE * ROOM if cable.terms & CONTACT else ROOM
     lossy = cable.terms & (CONTACT | DAMPED) == CONTACT | DAMPED
     converged = False
     iterations = 0
@@ -804,7 +806,7 @@ def try_step(cable, method, t0, tau, whole, level):
             shrinking = balance.matrix_shrinking
         share, touched = 1.0, work.results.touched
         exhausted = moved <= ROUND_OFF * reach or (stalls > 1 and moved <= NOISE * reach)
-        allowed = allowed_error(balance, tolerance, inertia)
+        allowed = allowed_error(balance, tolerance, inertia, room)
         converged = exhausted or min(SAFETY * shrinking, 1.0) * defect <= allowed
         if converged and cable.terms & CONTACT:
             after = contact.look(cable, tau, work.start, cable.state.x, work.rate)

@@ -239,8 +239,8 @@ def test_a_cable_over_a_body_penetrates_by_a_hundredth(shape, radius, youngs_mod
     weight = sim.scene.cable.mu * 0.5 * 9.81
     assert sim.contact("body").force[2] == pytest.approx(weight + 2.0 * pull, rel=0.01)
     assert -0.015 < sim.contact("body").clearance / (2.0 * RADIUS) < 0.0
-    assert sim.energy_error < 1.1e-5
-    assert not sim.warnings or pull
+    assert sim.energy_error < 1e-5
+    assert not sim.warnings
 
 
 def test_a_cable_with_no_room_between_planes_is_told():
