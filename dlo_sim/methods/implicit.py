@@ -222,9 +222,9 @@ def keep_constraints(cable):
     """
     x, start, change = cable.state.x, cable.work.start, cable.work.change
     for k in range(cable.rows.count):
-        own, line, e = own_point(cable, k), cable.rows.line[k], cable.state.direction[k]
-        c = MARGIN + own
-        if own >= 0 and line >= 0:
+        own, line = cable.points.own[cable.rows.point[k]], cable.rows.line[k]
+        e, c = cable.state.direction[k], MARGIN + own
+        if own >= 0 and line >= 0:  # a coordinate, or the twist angle
             x[line, c] = start[line, c]
         elif own >= 0:
             away = 0.0

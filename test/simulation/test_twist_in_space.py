@@ -282,3 +282,29 @@ def test_moments_twist_and_bend_the_cable_at_rest():
     assert np.abs(sim.control_points - begin)[:, :3].max() < 1e-6
     untwisted = Simulator(scene_from_values(values | {"terms.twist": "on"}))
     assert np.abs(untwisted.control_points - begin)[:, :3].max() > 1e-3
+
+
+def test_a_twist_that_grippers_at_rest_hold_stays():
+    """A narrow U at rest; the held angle drifted, and the run ended as diverged after 0.43 s."""
+    values = {
+        "cable.length": 0.4,
+        "cable.diameter": 0.005,
+        "cable.linear_density": 0.05,
+        "cable.axial_stiffness": 500.0,
+        "cable.bending_stiffness": 1e-3,
+        "damping.bend": 1e-3,
+        "start.clamped": True,
+        "end.clamped": True,
+        "start.tangent": [0.0, 0.0, -1.0],
+        "end.tangent": [0.0, 0.0, 1.0],
+        "end.position": [0.0052, 0.0, 0.0],
+        "terms.out_of_plane": "on",
+        "start.fixed": [True] * 3,
+        "end.fixed": [True] * 3,
+        "discretization.control_points": 30,
+        "integrator.step": 1e-3,
+    }
+    sim = Simulator(load_scene(values))
+    before = sim.control_points
+    assert sim.advance(0.6).status.ok
+    assert np.allclose(sim.control_points, before, rtol=0, atol=1e-10)
