@@ -382,7 +382,7 @@ class Work(Group):
     contact_sums = Reals(90, groups.LANES)  # derivatives between the control points of a span
     contact_values = Reals(9, groups.LANES)  # derivatives of the forces on samples
     pair_sums = Reals(9, 2 * groups.LANES)
-    rolling = Lanes("rolling_obstacles", "groups", 13)  # `contact.FREE` to BY_PLACE
+    rolling = Lanes("rolling_obstacles", "groups", 10)  # `contact.FREE` to LEAN
     rolling_band = Reals("rolling_unknowns", 32)  # factors with the twist (`engine.rolling`)
     rolling_side = Reals("rolling_padded")
     # contact of the cable with itself (`engine.self_contact`)

@@ -88,9 +88,9 @@ UNKNOWN, KNOWN, OF_STEP = 0.0, 1.0, 2.0  # whether that is of the obstacles, and
 POINT, PLACE, DISTANCE, NORMAL, FAR, BEND, SIZE = 0, 3, 6, 7, 10, 11, 17
 # Entries of the law of an obstacle, per length of cable: k, c, k_t, c_t, mu.
 STIFFNESS, DAMPING, BRISTLE, BRISTLE_DAMPING, FRICTION = range(5)
-# Entries of `work.rolling` of a sample: T without the spin in this step (3), l (3), mu p; the
-# derivatives of the force by the spin (3) and of the moment by the place (3).
-FREE, LEVER, LIMIT, BY_SPIN, BY_PLACE = 0, 3, 6, 7, 10
+# Entries of `work.rolling` of a sample: T without the spin in this step (3), l (3), mu p, and its
+# derivative by y1 (3).
+FREE, LEVER, LIMIT, LEAN = 0, 3, 6, 7
 
 TINY = 1e-30
 SMOOTH = 1e-18  # [m^2], of a motion of 1e-9 m, below which n needs no directional part
@@ -595,12 +595,26 @@ def pressure(cable, o, rate, here, there, dy):
 
 
 @part
-def keep_for_twist(cable, o, g, free, lever, limit):
+def keep_for_twist(cable, o, g, free, lever, limit, lean):
     """Let the friction of the samples of a group wait for the twist (`engine.rolling`)."""
     kept = cable.work.rolling[o, g]
     kept[FREE], kept[FREE + 1], kept[FREE + 2] = free
     kept[LEVER], kept[LEVER + 1], kept[LEVER + 2] = lever
     kept[LIMIT] = limit
+    kept[LEAN], kept[LEAN + 1], kept[LEAN + 2] = lean
+
+
+@part
+def rolling_trial(cable, o, g, whole, change):
+    """T of the samples of a group that roll, for a `change`; `whole`: k_t + c_t / tau."""
+    kept, e, at = cable.work.rolling[o, g], cable.contact.basis[g], cable.contact.first[g]
+    angle = zero()
+    for k in range(4):
+        if g < cable.contact.coarse:
+            angle += e[k] * load(change, cable.dim, at + k)
+        else:
+            angle += e[k] * change[cable.dim, at + k]
+    return combined(1.0, three(kept, FREE), -whole * angle, three(kept, LEVER))
 
 
 @part
@@ -669,7 +683,7 @@ def add_force(cable, springs, rate, most, rubs, waits, x0, x1, out):
                     lost += stored
                     kept = kept - stored
                 continue
-            gaps, n, elastic, p, _, _, jumped, deep = pressure(cable, o, rate, here, there, dy)
+            gaps, n, elastic, p, slope, _, jumped, deep = pressure(cable, o, rate, here, there, dy)
             jumps += where(w, jumped, 0.0)
             depths += where(w, deep, 0.0)
             mark = 1.0 + fabs(before[PLACE]) + fabs(before[PLACE + 1])
@@ -693,7 +707,8 @@ def add_force(cable, springs, rate, most, rubs, waits, x0, x1, out):
                     worked += w * moment * (own - phi)
                     if waits:
                         free = combined(1.0, trial, own * stiff[1], lever)
-                        keep_for_twist(cable, o, g, free, lever, law[FRICTION] * p)
+                        lean = scaled(law[FRICTION] * slope, there[1])
+                        keep_for_twist(cable, o, g, free, lever, law[FRICTION] * p, lean)
                     else:
                         push_line(cable, g, cable.dim, w * moment, out)
                 else:
@@ -760,17 +775,19 @@ def pressed_by_motion(there, found):
 
 
 @part
-def rubbed_by_motion(law, stiff, there, found, seen, z):
-    """Minus d f / d y1, by lines, for the way that friction sees; and of the derivative by that
-    way the part that holds, that which is gone where the sample slides, and the direction of T.
+def rubbed_by_motion(law, whole, there, found, trial):
+    """Minus d f / d y1, by lines, for the trial force of `friction` or `rolling_trial`; `whole`:
+    k_t + c_t / tau.
     """
     n1 = there[1]
     _, n, _, p, slope, _, _, _ = found
-    trial, share, far, _, _, inverse = friction(law, stiff, n, seen, z, p)
+    far = sqrt(dot(trial, trial)) + TINY
+    limit = law[FRICTION] * p
+    share = where(limit - far, 1.0, limit / far)
     slides = where(share - 1.0 + 1e-15, 0.0, 1.0) * where(p, 1.0, 0.0)
     ahead = scaled(1.0 / far, trial)
-    hold, lean = share * stiff[1], law[FRICTION] * slides * slope
-    gone, flat = hold * slides, hold * inverse
+    hold, lean = share * whole, law[FRICTION] * slides * slope
+    gone, flat = hold * slides, hold / (dot(n, n) + TINY)
     h = (
         combined(lean * ahead[0], n1, -flat * n[0], n),
         combined(lean * ahead[1], n1, -flat * n[1], n),
@@ -781,24 +798,11 @@ def rubbed_by_motion(law, stiff, there, found, seen, z):
         combined(1.0, h[1], -gone * ahead[1], ahead),
         combined(1.0, h[2], -gone * ahead[2], ahead),
     )
-    h = (
+    return (
         (h[0][0] + hold, h[0][1], h[0][2]),
         (h[1][0], h[1][1] + hold, h[1][2]),
         (h[2][0], h[2][1], h[2][2] + hold),
     )
-    return h, hold, gone, ahead
-
-
-@part
-def keep_for_matrix(cable, o, g, lever, h, hold, gone, ahead):
-    """Derivatives of the forces and moments of rolling samples, for `rolling.couple`."""
-    kept, pose = cable.work.rolling[o, g], cable.state.pose[o]
-    along_lever = combined(hold, lever, -gone * dot(ahead, lever), ahead)
-    by_spin = to_lines(pose, MIDDLE, along_lever)
-    by_place = combined(lever[0], h[0], lever[1], h[1])
-    by_place = to_lines(pose, END, combined(1.0, by_place, lever[2], h[2]))
-    kept[BY_SPIN], kept[BY_SPIN + 1], kept[BY_SPIN + 2] = by_spin
-    kept[BY_PLACE], kept[BY_PLACE + 1], kept[BY_PLACE + 2] = by_place
 
 
 @piece(
@@ -806,7 +810,7 @@ def keep_for_matrix(cable, o, g, lever, h, hold, gone, ahead):
     terms=CONTACT,
 )
 def add_tangent(cable, rate, rubs, x0, x1, scale, band):
-    """band -= scale times the Jacobian of `add_force` with respect to x1."""
+    """band -= scale times the Jacobian of `add_force` by x1, with which it was called last."""
     contact, state, work, dim = cable.contact, cable.state, cable.work, cable.dim
     begun = BEGUN if rate > 0.0 else ENDED
     for o in range(contact.count):
@@ -828,19 +832,16 @@ def add_tangent(cable, rate, rubs, x0, x1, scale, band):
                 continue
             h = pressed_by_motion(there, found)
             if rubbed:
-                seen, lever = dy, dy
-                if cable.terms & ROLLING:
-                    phi, lever = rolled(cable, o, g, x0, x1, found[1])
-                    seen = combined(1.0, dy, -phi, lever)
                 z = vector_of(state.bristle[o, g])
-                rub, hold, gone, ahead = rubbed_by_motion(law, stiff, there, found, seen, z)
+                trial = friction(law, stiff, found[1], dy, z, found[3])[0]
+                if cable.terms & ROLLING:
+                    trial = rolling_trial(cable, o, g, stiff[1], work.change)
+                rub = rubbed_by_motion(law, stiff[1], there, found, trial)
                 h = (
                     combined(1.0, h[0], 1.0, rub[0]),
                     combined(1.0, h[1], 1.0, rub[1]),
                     combined(1.0, h[2], 1.0, rub[2]),
                 )
-                if cable.terms & ROLLING:
-                    keep_for_matrix(cable, o, g, lever, rub, hold, gone, ahead)
             # R_middle h R_end^T
             c0, c1, c2 = (
                 to_lines(pose, END, h[0]),

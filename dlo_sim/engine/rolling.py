@@ -7,9 +7,9 @@ T0 at phi = 0 the friction of a step is
 and turns the cable by the moment m = - l.f per length. Its derivative - l.H l, where H is minus
 the derivative of f by the motion of the surface, is never positive.
 
-`contact.add_force` leaves T0, l and mu p of an iterate of the shape in `work.rolling`, phi apart
-from the spin of the cable in this step. Then `methods.twist_step` solves for the twist with the
-moments, and at last `push_rolling` adds the friction.
+`contact.add_force` leaves T0, l, mu p and its derivative at an iterate of the shape in
+`work.rolling`, phi apart from the spin of the cable in this step. Then `methods.twist_step` solves
+for the twist with the moments, and at last `push_rolling` adds the friction.
 
 A sample that sticks ties the spin to the motion of the axis, as a wheel. Newton's method for the
 shape must know that the twist follows, so its matrix S = K - C D^-1 R is that of the shape with the
@@ -24,7 +24,7 @@ from __future__ import annotations
 from numba import boolean, float64, void
 
 from dlo_sim.compiling.groups import load, store
-from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, where, zero
+from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, where
 from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, ROLLING
 from dlo_sim.engine.band import (
@@ -38,10 +38,9 @@ from dlo_sim.engine.band import (
 from dlo_sim.engine.contact import (
     BRISTLE,
     BRISTLE_DAMPING,
-    BY_PLACE,
-    BY_SPIN,
-    FREE,
+    END,
     FRICTION,
+    LEAN,
     LEVER,
     LIMIT,
     MIDDLE,
@@ -49,7 +48,9 @@ from dlo_sim.engine.contact import (
     clear_sums,
     push_line,
     push_samples,
+    rolling_trial,
     scaled,
+    three,
     to_lines,
 )
 from dlo_sim.terms.vectors import combined, dot
@@ -59,27 +60,13 @@ HALF = 4 * FOUR - 1  # half the bandwidth
 
 
 @part
-def spun(cable, g, change):
-    """Change of the twist angle at the samples of a group."""
-    e, at, angle = cable.contact.basis[g], cable.contact.first[g], zero()
-    for k in range(4):
-        if g < cable.contact.coarse:
-            angle += e[k] * load(change, cable.dim, at + k)
-        else:
-            angle += e[k] * change[cable.dim, at + k]
-    return angle
-
-
-@part
 def rolling_friction(cable, o, g, tau, change):
     """T, the share of it that holds, |T|, l and k_t + c_t / tau of the samples of a group."""
     kept, law = cable.work.rolling[o, g], cable.contact.law[o]
-    stiff = law[BRISTLE] + law[BRISTLE_DAMPING] / tau
-    lever = kept[LEVER], kept[LEVER + 1], kept[LEVER + 2]
-    trial = kept[FREE], kept[FREE + 1], kept[FREE + 2]
-    trial = combined(1.0, trial, -stiff * spun(cable, g, change), lever)
+    whole = law[BRISTLE] + law[BRISTLE_DAMPING] / tau + TINY
+    trial = rolling_trial(cable, o, g, whole, change)
     far, limit = sqrt(dot(trial, trial)) + TINY, kept[LIMIT]
-    return trial, where(limit - far, 1.0, limit / far), far, lever, stiff
+    return trial, where(limit - far, 1.0, limit / far), far, three(kept, LEVER), whole
 
 
 @part
@@ -155,11 +142,12 @@ def rolls(cable):
     return False
 
 
-@piece(boolean, CABLE, LINES, LINES, LINES, terms=ROLLING)
-def eliminate_rolling(cable, pushed, kept, matrix):
+@piece(boolean, CABLE, float64, LINES, LINES, LINES, terms=ROLLING)
+def eliminate_rolling(cable, tau, pushed, kept, matrix):
     """`work.rolling_band` = LU factors of the shape's `matrix`, of that of the twist, which is in
-    `work.twist_matrix`, and of the couplings that `contact.add_tangent` left; returns whether they
-    exist. `pushed`, `kept`: directions of the constraint rows, as of `band.hold`.
+    `work.twist_matrix`, and of the couplings at the present iterate of a step of length tau;
+    returns whether they exist. `pushed`, `kept`: directions of the constraint rows, as of
+    `band.hold`.
     """
     band, sums, block = cable.work.rolling_band, cable.work.contact_sums, -1
     clear_band(band)
@@ -176,7 +164,7 @@ def eliminate_rolling(cable, pushed, kept, matrix):
                     add_couplings(cable, block, band)
                 clear_sums(sums)
                 block = first
-            couple(cable, o, g, sums)
+            couple(cable, o, g, tau, sums)
     if block >= 0:
         add_couplings(cable, block, band)
     hold_couplings(cable, pushed, kept, band)
@@ -208,18 +196,24 @@ def copy_twist(cable, band):
 
 
 @part
-def couple(cable, o, g, sums):
+def couple(cable, o, g, tau, sums):
     """sums += couplings of the samples of a group between two of their control points: six rows of
     a pair, those in the equations of the shape and those in that of the twist, negative.
     """
-    contact, kept = cable.contact, cable.work.rolling[o, g]
+    contact, kept, pose = cable.contact, cable.work.rolling[o, g], cable.state.pose[o]
+    trial, share, far, lever, whole = rolling_friction(cable, o, g, tau, cable.work.change)
+    ahead, slides = scaled(1.0 / far, trial), where(share - 1.0 + 1e-15, 0.0, 1.0)
+    leans = slides * dot(ahead, lever)
+    both_ways = scaled(share * whole, combined(1.0, lever, -leans, ahead))  # H l
+    by_spin = to_lines(pose, MIDDLE, both_ways)
+    by_place = to_lines(pose, END, combined(1.0, both_ways, leans, three(kept, LEAN)))
     e, w, at = contact.basis[g], contact.weight[g], 0
     for one in range(4):
         for other in range(one, 4):
             both = e[one] * e[other] * w
             for d in range(3):
-                store(sums, at + d, 0, load(sums, at + d, 0) + both * kept[BY_SPIN + d])
-                store(sums, at + 3 + d, 0, load(sums, at + 3 + d, 0) + both * kept[BY_PLACE + d])
+                store(sums, at + d, 0, load(sums, at + d, 0) + both * by_spin[d])
+                store(sums, at + 3 + d, 0, load(sums, at + 3 + d, 0) + both * by_place[d])
             at += 6
 
 

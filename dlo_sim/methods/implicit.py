@@ -384,7 +384,7 @@ def factorize(cable, tau, discrete, matrix):
     if rolls(cable):
         results.coupled = IN_ROLLING_BAND
         twist_matrix(cable, tau, discrete)
-        return eliminate_rolling(cable, pushed, kept, matrix)
+        return eliminate_rolling(cable, tau, pushed, kept, matrix)
     return eliminate(matrix, cable.n * cable.dim, cable.dim)
 
 
