@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from typing import Any
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.compiling.groups import aligned_zeros, numbers_of
 from dlo_sim.compiling.pieces import Piece
+from dlo_sim.core import bspline
 from dlo_sim.engine import contact, self_contact, sliding
 from dlo_sim.engine.arrays import (
     BISHOP,
@@ -97,13 +98,8 @@ class Cable:
         self._begin_slides()
         for array, values in zip(self._lasting, kept, strict=True):
             array[...] = values
-        if axes != list(model.axes):  # bristles between strands are by line
-            bristles = self.arrays.state.pair[1:].copy()
-            self.arrays.state.pair[1:] = 0.0
-            for line, axis in enumerate(axes):
-                if axis not in model.axes:
-                    continue
-                self.arrays.state.pair[1 + list(model.axes).index(axis)] = bristles[line]
+        if axes != list(model.axes):
+            self._set_pairs(self.arrays.state.pair, axes)
         self._touch(touched)
         self.account.load_work += pending
         self._forget_history()
@@ -139,6 +135,42 @@ class Cable:
             if k < len(self.obstacles) and obstacle.name in theirs:
                 _, state.yielded[k], kept = theirs[obstacle.name]
                 np.asarray(state.bristle)[k] = resampled(*kept, pieces)
+
+    def _set_pairs(self, pairs: Array, axes: Sequence[int]) -> None:
+        """Set the pairs of segments and the bristles between them, which are by these axes."""
+        before, own = pairs.copy(), list(self.model.axes)
+        self.arrays.state.pair[0] = before[0]
+        self.arrays.state.pair[1:] = 0.0
+        for line, axis in enumerate(axes):
+            self.arrays.state.pair[1 + own.index(axis)] = before[1 + line]
+
+    def _begin_strands(self, before: Cable | None) -> None:
+        """Begin the contact with itself. Pairs, bristles and yielding are those of the cable
+        `before` if it touches itself by the same law; else what overlaps gives way.
+        """
+        state, account = self.arrays.state, self.account
+        state.pair[:] = 0.0
+        if before and before.model.has(SELF) and self._touches_as(before):
+            account.pairs = before.account.pairs
+            account.pair_yield = before.account.pair_yield
+            self._set_pairs(before.arrays.state.pair, before.model.axes)
+            self.call(self_contact.look)
+        else:
+            self.call(self_contact.look)
+            account.overlap = self.part_strands()
+        if before and before.model.has(SELF):
+            account.overlap = before.account.overlap
+
+    def _touches_as(self, other: Cable) -> bool:
+        """Whether pairs of another cable are pairs of this one, and their forces the same."""
+        ours, theirs = self.arrays.chain, other.arrays.chain
+        return bool(
+            np.array_equal(self.model.knots, other.model.knots)
+            and set(other.model.axes) <= set(self.model.axes)
+            and ours.segments == theirs.segments
+            and ours.diameter == theirs.diameter
+            and ours.law[contact.STIFFNESS] == theirs.law[contact.STIFFNESS]
+        )
 
     def _begin_slides(self) -> None:
         self.slides[:] = [slide.u for slide in self.model.holding.slides]
@@ -281,7 +313,8 @@ class Cable:
         state.bristle[:] = 0.0
         self.place_obstacles(t)
         if self.model.has(SELF):
-            state.pair[:] = state.balance.pairs = 0.0
+            state.pair[:] = 0.0
+            state.balance.pairs = 0.0
             self.call(self_contact.look)
 
     def strands(self) -> Array:
@@ -290,14 +323,26 @@ class Cable:
         self.call(self_contact.report, rows)
         return rows
 
-    def part_strands(self) -> float:
-        """Let strands that overlap give way (`engine.self_contact`); returns by how much [m]."""
+    def part_strands(self, u: float | None = None) -> float:
+        """Let strands that overlap give way (`engine.self_contact`); returns by how much [m].
+
+        Args:
+            u: only if they depend on the control points of this material coordinate [m], which a
+                grasp has released.
+        """
         if not self.model.has(SELF):
             return 0.0
-        depth = -float(self.strands()[:, 0].min(initial=0.0))
-        if depth < contact.SHALLOW * self.arrays.chain.diameter:
-            depth = 0.0
-        self.account.pair_yield = self.account.pair_yield_end = depth
+        chain, account = self.arrays.chain, self.account
+        found = self.strands()[:, 0]
+        if u is not None:
+            keys = self.arrays.state.pair[0, : len(found)] // chain.segments**2
+            spans = np.stack(np.divmod(keys, len(chain.arc)))
+            own = np.searchsorted(bspline.breaks(self.model.knots)[1:], u)
+            found = found[(np.abs(spans - own) <= bspline.DEGREE).any(axis=0)]
+        depth = -float(found.min(initial=0.0))
+        if depth < contact.SHALLOW * chain.diameter:
+            return 0.0
+        account.pair_yield = account.pair_yield_end = max(depth, account.pair_yield)
         return depth
 
     def give_way(self, obstacle: int) -> float:
@@ -390,15 +435,15 @@ class Cable:
 
     # -- account --------------------------------------------------------------------------------
 
-    def open_account(self, scene: Scene) -> None:
-        """Open the energy account at the present state."""
+    def open_account(self, scene: Scene, before: Cable | None = None) -> None:
+        """Open the energy account at the present state, which goes on from another cable's if one
+        is given.
+        """
         cable, state = scene.cable, self.arrays.state
         numbers_of(state.balance)[:] = 0.0
         state.energy[:] = state.energy_begin[:] = 0.0
         if self.model.has(SELF):
-            state.pair[:] = 0.0
-            self.call(self_contact.look)
-            state.balance.overlap = self.part_strands()
+            self._begin_strands(before)
         state.balance.floor = 0.5 * cable.mu * cable.length * (CREEP * cable.length) ** 2
         self.call(between_steps.open_account)
 

@@ -1034,13 +1034,14 @@ class Simulator:
         """Hold the cable as a grasp does from now on; what that changes in energy is its work."""
         geometries = self._held_with(grasp, geometry)
         self.cable.settle(self.time)
-        before = self.cable.present_energy()
+        before, held = self.cable.present_energy(), self._held_now[grasp].u
         self._ends.hold(grasp, geometry)
         if geometry.u is not None:
             angle = self._angle_at(geometry.u, self.cable.points)
             self._ends.count_from(grasp, self.time, angle)
         self._activate(self._needs, geometries)
-        self.cable.part_strands()
+        if geometry.u is None:
+            self.cable.part_strands(held)
         self.cable.account.drive_work += self.cable.present_energy() - before
 
     def _held_with(self, grasp: str, geometry: Geometry) -> Geometries:
@@ -1282,7 +1283,7 @@ class Simulator:
         for grasp in taking:
             self.take(grasp)
         self._give_way()
-        self.cable.open_account(self.scene)
+        self.cable.open_account(self.scene, other.cable)
         self._initial = self.snapshot()
 
     def _take_over_obstacles(self, other: Simulator) -> None:

@@ -249,27 +249,58 @@ def test_strands_that_overlap_are_pushed_out_slowly():
     assert any("began up to 0.002 m inside itself" in line for line in sim.warnings)
 
 
-def test_strands_that_grippers_squeezed_part_slowly():
-    """Let go, the pressure of 0.4 diameters would throw them apart with 40 m/s; the gripper takes
-    its energy."""
+def squeezed(speed):
+    """A simulator of a hairpin whose strands grasp a has pressed against each other for 0.1 s, with
+    grasp b opposite and grasp c at the end, which has not taken the cable."""
     path = bulb(1.4)
     s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
-    grasps = {"grasps.names": ["a", "b"], "terms.out_of_plane": "off"}
-    for name, share in (("a", 0.25), ("b", 0.75)):
+    grasps = {"grasps.names": ["a", "b", "c"], "terms.out_of_plane": "off"}
+    for name, share in (("a", 0.25), ("b", 0.75), ("c", 0.5)):
         place = [float(np.interp(share * s[-1], s, path[:, k])) for k in range(3)]
         grasps |= {f"grasps.{name}.at": share, f"grasps.{name}.position": place}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that what is held is moved by 0.1 mm
-        sim, _ = along(path, HELD, DAMPED, grasps, {"contact.friction": 0.2})
+        held = {"contact.friction": 0.2, "grasps.c.taken": False}
+        sim, _ = along(path, HELD, DAMPED, grasps, held)
     motion = EndMotion(
         start=0.0,
         duration=0.1,
         position=sim.end_pose("a")[0],
         orientation=rotations.IDENTITY,
-        velocity=[0.0, 0.0, -0.04],
+        velocity=[0.0, 0.0, -speed],
     )
     sim.set_motion("a", motion)
     assert sim.advance(0.1).status.ok
+    return sim
+
+
+def test_strands_stay_pressed_while_something_else_changes():
+    """Where another grasp takes or releases the cable, and in a simulator of another scene, unless
+    strands touch by another law there."""
+    sim = squeezed(0.025)
+    before, rows = sim.contacts["itself"], sim.cable.strands()
+    assert before.total > 10.0 and rows[:, 0].min() < -0.05 * DIAMETER
+    assert np.abs(sim.cable.arrays.state.pair[1:]).max() > 0.0
+    sim.take("c")
+    np.testing.assert_array_equal(sim.cable.strands(), rows)
+    sim.release("c")
+    np.testing.assert_array_equal(sim.cable.strands(), rows)
+    other = sim.reconfigured(sim.scene.with_values({"damping.air_drag": 0.1}))
+    after = other.contacts["itself"]
+    np.testing.assert_allclose(after.forces, before.forces, rtol=1e-9, atol=1e-9)
+    assert other.cable.account.dissipated == 0.0
+    assert not any("inside itself" in line for line in other.warnings)
+    assert other.advance(0.001).status.ok
+    assert other.contacts["itself"].total > 0.9 * before.total
+    stiffer = sim.reconfigured(sim.scene.with_values({"contact.stiffness": 1e9}))
+    assert stiffer.contacts["itself"].total == 0.0
+    assert not any("inside itself" in line for line in stiffer.warnings)
+
+
+def test_strands_that_grippers_squeezed_part_slowly():
+    """Let go, the pressure of 0.4 diameters would throw them apart with 40 m/s; the gripper takes
+    its energy."""
+    sim = squeezed(0.04)
     began = sim.clearance_to_itself
     assert began == pytest.approx(-0.4 * DIAMETER, rel=0.01)
     assert sim.energy().contact > 0.3
