@@ -49,7 +49,7 @@ HUNG_DEPTH = 0.01
 # thickness of the body. What flies on beside a small body pulls it in more than twice as deep.
 THROWN_DEPTH = 0.2
 TAUT = 1e-3  # strain of what is pulled as usual
-TOO_DEEP = 0.1  # penetration in diameters that is told
+TOO_DEEP = 0.1  # penetration in diameters above which a warning reports it
 # Of half the thickness of a body: so deep is near its middle. Samples a reach apart can cross a
 # thin body no deeper than half of it.
 MIDDLE = 0.6
@@ -64,6 +64,7 @@ GUIDES = "ring", "channel"  # shapes that a cable goes through
 # the second is that of the spans it asks for.
 MOST_TURN, SMALL_TURN = 1.0, 0.5
 
+CANCELLED = 1e-9  # sum of forces, as a share of the sum of their sizes, that is round-off
 ITSELF = "itself"  # the name of the cable among what it touches
 
 
@@ -194,23 +195,23 @@ def check_outside(obstacle: Obstacle, diameter: float, u: Array, line: Array) ->
 
 def stiffness(scene: Scene, obstacle: Obstacle) -> float:
     """Contact force per length of cable and penetration [N/m^2]: as given, or such that neither its
-    weight nor the tension that the scene tells presses the cable in far, over an edge as sharp as
-    it is thick, and a throw does not press it through.
+    weight nor the tension that follows from the scene presses the cable in far, over an edge as
+    sharp as it is thick, and a throw does not press it through.
     """
     plane = scene.contact_stiffness
     if scene.contact.stiffness or obstacle.shape == "plane":
         return plane
     cable = scene.cable
     _, half, reach = core_of(obstacle, 0.5 * cable.diameter)
-    pulled = max(cable.mu * EARTH * cable.length, told_tension(scene))
+    pulled = max(cable.mu * EARTH * cable.length, declared_tension(scene))
     hung = pulled / (0.5 * cable.diameter * HUNG_DEPTH * cable.diameter)
     thrown = cable.mu * (scene.inputs.max_speed / (THROWN_DEPTH * (min(half) + reach))) ** 2
     return max(plane, hung, thrown)
 
 
-def told_tension(scene: Scene) -> float:
-    """Tension [N] by the loads of a scene that are signals, and by ends that are further from each
-    other at first than the cable is long, up to one that stretches it by TAUT.
+def declared_tension(scene: Scene) -> float:
+    """Tension [N] by the loads of a scene that are signals, of a sine by its amplitude, and by ends
+    that are farther apart at first than the cable is long, up to a strain of TAUT.
     """
     pulls = sum(math.hypot(*load.force) for load in scene.loads if load.signal != "none")
     held = all(all(end.fixed) for end in scene.ends.values())
@@ -307,10 +308,11 @@ class Contact(NamedTuple):
 
     @property
     def exerted(self) -> float:
-        """Size of the sum of the forces [N]; `total` where they cancel, as those of the cable on
-        itself do.
+        """Size of the sum of the forces [N]; `total` where they cancel but for round-off, as those
+        of the cable on itself do, and those of a ring that holds it from all sides.
         """
-        return float(np.linalg.norm(self.force)) or self.total
+        resultant = float(np.linalg.norm(self.force))
+        return resultant if resultant > CANCELLED * self.total else self.total
 
     @property
     def total(self) -> float:

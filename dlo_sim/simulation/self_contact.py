@@ -75,7 +75,7 @@ TRIED = 8  # nearest pairs of spans that are refined
 MOVED = 1.0
 _XI = np.linspace(-1.0, 1.0, PLACES)
 DEEP = 0.5  # diameters, inside itself, in which no cable may be held when it begins
-PRESSED = 0.01  # of the diameter that strands are inside each other, above which this is said
+PRESSED = 0.01  # diameters that strands are inside each other, above which a warning reports it
 
 
 class Nearest(NamedTuple):

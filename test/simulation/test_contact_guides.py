@@ -9,7 +9,7 @@ from cables import simulator
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.simulation.obstacles import surface
+from dlo_sim.simulation.obstacles import Contact, surface
 from dlo_sim.studies import bodies
 
 TURNED = [0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)]  # its z axis is along x
@@ -45,6 +45,15 @@ def moving(position, turned, velocity):
     return EndMotion(
         start=0.0, duration=1.0, position=position, orientation=turned, velocity=velocity
     )
+
+
+def test_forces_that_cancel_are_reported_by_their_sizes():
+    """As those of a ring that holds the cable from all sides: their sum is round-off."""
+    for off, exerted in ((1e-17, 4.0), (0.01, 0.01)):
+        forces = np.array([[2.0 + off, 0.0, 0.0], [-2.0, 0.0, 0.0]])
+        none, resultant = np.zeros(0), np.array([off, 0.0, 0.0])
+        contact = Contact(-1e-5, resultant, 1.0, none, np.zeros((2, 3)), forces, none, none)
+        assert contact.exerted == pytest.approx(exerted, abs=1e-12)
 
 
 def test_a_ring_is_a_capstan():
