@@ -332,6 +332,7 @@ class Work(Group):
         "touched",  # changes with what touches and slides, at the last forces (`contact.add_force`)
         *("contact_work", "contact_loss"),  # of the step [J] (`contact.look`)
         *("contact_sane", "contact_deep"),  # 1: nothing passed through; samples near a middle
+        "twist_open",  # 1 if the twist of a cable that rolls has not converged
         "pair_loss",  # of the last `self_contact.add_force` [J]
         "pair_work",  # of the diameter that grows back, likewise [J]
         "pairs_beyond",  # for which there is no room in this step

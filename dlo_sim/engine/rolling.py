@@ -4,12 +4,12 @@ A cable that twists in space turns about its axis by phi at a sample that touche
 sees as a motion - phi l of its surface with the lever l (`engine.contact`). With the trial force
 T0 at phi = 0 the friction of a step is
     f = - min(1, mu p / |T|) T,   T = T0 - (k_t + c_t / tau) phi l,
-and turns the cable by the moment m = - l.f per length. Its derivative - l.H l, where H is minus
-the derivative of f by the motion of the surface, is never positive.
+and turns the cable by the moment m = - l.f per length. Its derivative is - l.H l, where H, minus
+the derivative of f by the motion of the surface, is positive semidefinite.
 
 `contact.add_force` leaves T0, l, mu p and its derivative at an iterate of the shape in
-`work.rolling`, phi apart from the spin of the cable in this step. Then `methods.twist_step` solves
-for the twist with the moments, and at last `push_rolling` adds the friction.
+`work.rolling`, with phi without the spin of the cable in this step. Then `methods.twist_step`
+solves for the twist with the moments, and at last `push_rolling` adds the friction.
 
 A sample that sticks ties the spin to the motion of the axis, as a wheel. Newton's method for the
 shape must know that the twist follows, so its matrix S = K - C D^-1 R is that of the shape with the
@@ -70,13 +70,13 @@ def rolling_friction(cable, o, g, tau, change):
 
 
 @part
-def touching(cable, o):
+def groups_near(cable, o):
     """Number of groups of samples that may touch obstacle o with friction."""
     return int(cable.state.near_count[o]) if cable.contact.law[o, FRICTION] > 0.0 else 0
 
 
 @part
-def rubs(cable, o, g):
+def any_pressed(cable, o, g):
     """Whether any sample of a group is pressed."""
     return lane_sum(cable.work.rolling[o, g, LIMIT]) > 0.0
 
@@ -85,9 +85,9 @@ def rubs(cable, o, g):
 def add_moments(cable, tau, change, out):
     """out += moments of friction on the twist line, for a `change` in the step."""
     for o in range(cable.contact.count):
-        for k in range(touching(cable, o)):
+        for k in range(groups_near(cable, o)):
             g = int(cable.state.near[o, k])
-            if rubs(cable, o, g):
+            if any_pressed(cable, o, g):
                 trial, share, _, lever, _ = rolling_friction(cable, o, g, tau, change)
                 moment = cable.contact.weight[g] * share * dot(lever, trial)
                 push_line(cable, g, cable.dim, moment, out)
@@ -98,9 +98,9 @@ def add_stiffness(cable, tau, change, matrix):
     """Add l.H l to the matrix of the twist, its lower diagonals, entry (i + k, i) at [k, i]."""
     contact = cable.contact
     for o in range(contact.count):
-        for k in range(touching(cable, o)):
+        for k in range(groups_near(cable, o)):
             g = int(cable.state.near[o, k])
-            if not rubs(cable, o, g):
+            if not any_pressed(cable, o, g):
                 continue
             trial, share, far, lever, stiff = rolling_friction(cable, o, g, tau, change)
             ahead = dot(lever, trial) / far
@@ -121,9 +121,9 @@ def add_stiffness(cable, tau, change, matrix):
 def push_rolling(cable, tau, change, out):
     """out += friction on the shape, which `contact.add_force` left out."""
     for o in range(cable.contact.count):
-        for k in range(touching(cable, o)):
+        for k in range(groups_near(cable, o)):
             g = int(cable.state.near[o, k])
-            if rubs(cable, o, g):
+            if any_pressed(cable, o, g):
                 trial, share, _, _, _ = rolling_friction(cable, o, g, tau, change)
                 f = scaled(-cable.contact.weight[g] * share, trial)
                 push_samples(cable, g, to_lines(cable.state.pose[o], MIDDLE, f), out)
@@ -136,8 +136,8 @@ def push_rolling(cable, tau, change, out):
 def rolls(cable):
     """Whether any sample is pressed on an obstacle with friction."""
     for o in range(cable.contact.count):
-        for k in range(touching(cable, o)):
-            if rubs(cable, o, int(cable.state.near[o, k])):
+        for k in range(groups_near(cable, o)):
+            if any_pressed(cable, o, int(cable.state.near[o, k])):
                 return True
     return False
 
@@ -153,9 +153,9 @@ def eliminate_rolling(cable, tau, pushed, kept, matrix):
     clear_band(band)
     copy_shape(cable, matrix, band)
     for o in range(cable.contact.count):
-        for k in range(touching(cable, o)):
+        for k in range(groups_near(cable, o)):
             g = int(cable.state.near[o, k])
-            if not rubs(cable, o, g):
+            if not any_pressed(cable, o, g):
                 continue
             # Groups of one block of spans, or samples of one span, have the same control points.
             first = cable.contact.first[g] + (0 if g < cable.contact.coarse else cable.columns)
@@ -180,7 +180,7 @@ def copy_shape(cable, matrix, band):
             row, to = matrix[3 * i + d], band[FOUR * i + d]
             for j in range(max(-3, -i), min(4, cable.n - i)):
                 for e in range(3):
-                    to[FOUR * j + e - d + HALF] = row[3 * j + e - d + 11]
+                    to[FOUR * j + e - d + HALF] = row[3 * j + e - d + 4 * 3 - 1]
 
 
 @part

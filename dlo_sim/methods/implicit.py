@@ -756,7 +756,7 @@ def try_step(cable, method, t0, tau, whole, level):
     iterations = 0
     previous = np.inf
     linearize = not may_keep(cable, a)
-    work.results.coupled = IN_STATE
+    work.results.coupled, work.results.twist_open = IN_STATE, 0.0
     made = 0  # iteration in which the matrix was factorised, 0: in an earlier step
     slope = 0.0  # residual . correction before the last correction
     share = 1.0  # of the last correction that x contains
@@ -823,6 +823,7 @@ def try_step(cable, method, t0, tau, whole, level):
         linearize = energy > SLOW * previous and not converged
         previous = energy
     judge_matrix(balance, iterations, made)
+    converged = converged and work.results.twist_open == 0.0
     # Newton's method may converge to a cable folded through itself, with the same energy.
     if converged and level < CAREFUL_HALVINGS:
         converged = not turned_over(cable)

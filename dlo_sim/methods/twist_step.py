@@ -13,7 +13,7 @@ coupled: `step_twist` solves for the twist at every iterate of the shape and so 
 from __future__ import annotations
 
 import numpy as np
-from numba import boolean, float64
+from numba import boolean, float64, void
 
 from dlo_sim.compiling.pieces import NO, YES, part, piece
 from dlo_sim.engine.arrays import (
@@ -133,6 +133,21 @@ def take_midpoint_moments(cable, t0, tau):
 
 
 @part
+def shorten(cable, x, tau, share):
+    """Leave this share of the last correction in the twist line of x and `change`."""
+    work, line = cable.work, cable.dim
+    latest, sum_ = work.twist_latest[line], work.twist_sum[line]
+    for c in range(cable.columns):
+        latest[c] = (share - 1.0) * sum_[c]
+        sum_[c] *= share
+        x[line, c] += latest[c]
+        work.change[line, c] += latest[c]
+    add_roll_change(cable, work.twist_latest, work.twist_own)
+    if cable.terms & DAMPED:
+        add_product(cable.linear.damping[1], -1.0 / tau, latest, work.twist_own[line])
+
+
+@part
 def correct_twist(cable, begin, end, x, tau, beta, spins, make, before):
     """One Newton correction of the twist line of x and `change`, d, for the residual
         f - K (theta0 + (1/2 + beta) d) - M (2 / tau^2 d - 2 / tau v0),
@@ -142,8 +157,9 @@ def correct_twist(cable, begin, end, x, tau, beta, spins, make, before):
     Args:
         begin, end: configurations of the discrete gradient of the natural curvature. beta: internal
             damping per step [-]. spins: whether neither end is prescribed. make: whether to make
-            the matrix anew. before: residual times the last correction before that, which is
-            shortened if now they point the other way by more than OVERSHOT of this; 0: never.
+            the matrix anew. before: product of the residual before the last correction and that
+            correction. If that of the present residual is below -OVERSHOT times this, the last
+            correction overshot, and is shortened instead of a new one made; 0: never.
 
     Returns:
         The largest entry of the correction relative to 1 rad plus the angle, infinite if the last
@@ -170,14 +186,7 @@ def correct_twist(cable, begin, end, x, tau, beta, spins, make, before):
             along += rest[c] * sum_[c]
         if not along > -OVERSHOT * before:
             share = min(max(before / (before - along), 0.1), 0.5)
-            for c in range(cable.columns):
-                latest[c] = (share - 1.0) * sum_[c]
-                sum_[c] *= share
-                theta[c] += latest[c]
-                change[c] += latest[c]
-            add_roll_change(cable, work.twist_latest, work.twist_own)
-            if damped:
-                add_product(damping, -1.0 / tau, latest, work.twist_own[line])
+            shorten(cable, x, tau, share)
             return np.inf, share * before
     if make:
         make_matrix(cable, begin, end, tau, beta)
@@ -254,7 +263,7 @@ def solve_twist(cable, begin, end, x, t0, tau, anew):
     settled = SETTLED
     if rolling:
         most, settled = MOST_ROLLING, ROLLED
-    tolerance, slope = settled, 0.0
+    tolerance, slope, moved = settled, 0.0, np.inf
     for correction in range(most):
         for c in range(cable.columns):
             force[c] = own[c]
@@ -266,6 +275,7 @@ def solve_twist(cable, begin, end, x, t0, tau, anew):
             break
         if correction == 0 and not rolling:
             tolerance = max(SETTLED, SHRUNK * moved)
+    work.results.twist_open = 1.0 if rolling and not moved < tolerance else 0.0
     lost += roll_loss(cable, work.change)[0]
     if damped:
         lost += form(damping, change) / tau
@@ -291,7 +301,7 @@ def step_twist(cable, t0, tau, discrete, anew):
     return lost
 
 
-@part
+@piece(void, CABLE, float64, boolean, terms=ROLLING)
 def twist_matrix(cable, tau, discrete):
     """`make_matrix` at the present iterate of the shape, without factors."""
     x, middle = cable.state.x, cable.work.middle

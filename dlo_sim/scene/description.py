@@ -930,7 +930,9 @@ class Scene:
 
     @property
     def may_roll(self) -> bool:
-        """Whether friction of obstacles turns a cable about its axis that twists in space."""
+        """Whether friction of obstacles would roll a cable whose twist acts on its shape; not with
+        contact.self on, as the matrix of an iteration is then without the twist.
+        """
         later = bool(self.contact.markers) and self.touches and self.contact.friction > 0.0
         return (bool(self.rubbing) or later) and self.contact.self != "on"
 

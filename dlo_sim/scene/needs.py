@@ -101,7 +101,9 @@ _VARIANTS = {
     "bishop": ("bishop",),
     "quasistatic": ("bishop", "quasistatic"),
 }
-_ONLY_FRICTION = "only friction twists the cable, which slides; with terms.twist: bishop it rolls"
+_ONLY_FRICTION = (
+    "only friction would twist the cable, so it slides; set terms.twist: bishop to let it roll"
+)
 _ROWS = {term.name: term for term in TERMS}
 _AT = list(_ROWS).index("twist") + 1
 NAMES = (*[*_ROWS][:_AT], *_VARIANTS, *[*_ROWS][_AT:])
@@ -134,7 +136,7 @@ def needs_of(scene: Scene) -> Needs:
             reasons[name] = f"terms.{name} is off"
             warnings += [_warning(term, scene)] * needed
         elif not needed and (setting == "auto" or name == "contact"):
-            only_friction = name == "twist" and scene.may_roll
+            only_friction = name == "twist" and bool(scene.rubbing)
             reasons[name] = _ONLY_FRICTION if only_friction else term.absent
         else:
             present |= {name, *(_VARIANTS.get(model, ()) if name == "twist" else ())}

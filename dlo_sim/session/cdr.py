@@ -200,6 +200,8 @@ def _decode_markers(raw: Bytes, most: int) -> Stamped:
         points = tuple(map(_vector_of, m.points)) if m.type == TRIANGLE_LIST else ()
         marker = Marker(frame_id, name, m.type, m.action, pose, scale, max(lifetime_ns, 0), points)
         found.append((stamp_ns, marker))
+    if not found:
+        raise DecodeError("the array holds no markers")
     return Stamped(found[0][0], found[0][1].frame_id, tuple(marker for _, marker in found))
 
 

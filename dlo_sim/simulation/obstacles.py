@@ -60,9 +60,10 @@ BRISTLES, BRISTLE_DAMPED = 1.0, 8.0
 
 
 GUIDES = "ring", "channel"  # shapes that a cable goes through
-# Turns of a cable round an obstacle within a knot span [rad]: beyond the first a warning says so;
-# the second is that of the spans it asks for.
-MOST_TURN, SMALL_TURN = 1.0, 0.5
+EDGED = "box", "mesh"  # shapes with edges
+# Turns of a cable within a knot span [rad], round an edge and something round, beyond which a
+# warning says so; and that of the spans it asks for.
+EDGE_TURN, ROUND_TURN, SMALL_TURN = 1.0, 1.5, 0.5
 
 CANCELLED = 1e-9  # sum of forces, as a share of the sum of their sizes, that is round-off
 ITSELF = "itself"  # the name of the cable among what it touches
@@ -462,9 +463,9 @@ def press_warning(name: str, found: Contact, scene: Scene) -> str:
     )
 
 
-def edge_warning(name: str, found: Contact, model: Model, points: Array) -> str:
-    """One line if the cable, of control points (n, 4), bends round what it touches within a knot
-    span, else empty.
+def bend_warning(obstacle: Obstacle, found: Contact, model: Model, points: Array) -> str:
+    """One line if the cable, of control points (n, 4), bends round an obstacle that it touches
+    within a knot span, else empty.
     """
     if not len(found.u) or not found.total:
         return ""
@@ -475,12 +476,12 @@ def edge_warning(name: str, found: Contact, model: Model, points: Array) -> str:
     last = np.clip(np.searchsorted(breaks, found.u), 1, len(breaks) - 1)
     turns = curvature * (breaks[last] - breaks[last - 1])
     worst = int(np.argmax(turns))
-    if turns[worst] <= MOST_TURN:
+    if turns[worst] <= (EDGE_TURN if obstacle.shape in EDGED else ROUND_TURN):
         return ""
     needed = math.ceil((len(breaks) - 1) * turns[worst] / SMALL_TURN) + bspline.DEGREE
     return (
-        f"obstacles.{name}: the cable bends round it by {turns[worst]:.2g} rad in a knot span at "
-        f"{found.u[worst]:.3g} m, so forces there may be some 10 % off or more; raise "
+        f"obstacles.{obstacle.name}: the cable bends round it by {turns[worst]:.2g} rad in a knot "
+        f"span at {found.u[worst]:.3g} m, so forces there may be some 10 % off or more; raise "
         f"discretization.control_points to {needed}"
     )
 
@@ -504,14 +505,14 @@ def beyond_reach(scene: Scene, obstacle: Obstacle) -> str:
     return ""
 
 
-def rounding(scene: Scene, obstacle: Obstacle) -> float:
+def bend_radius(scene: Scene, obstacle: Obstacle) -> float:
     """Radius [m] of the bend of a soft cable that is drawn round an obstacle, or over its edge, on
     the axis of the cable.
     """
     radius = 0.5 * scene.cable.diameter
     if obstacle.shape in ("sphere", "cylinder", "capsule"):
         return 0.5 * obstacle.size[0] + radius
-    if obstacle.shape in ("ring", "channel"):
+    if obstacle.shape in GUIDES:
         return core_of(obstacle, radius).reach
     return radius
 

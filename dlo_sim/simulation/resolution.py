@@ -34,7 +34,7 @@ import numpy as np
 
 from dlo_sim.core import bspline
 from dlo_sim.scene.description import Scene
-from dlo_sim.simulation.obstacles import beyond_reach, rounding
+from dlo_sim.simulation.obstacles import EDGED, bend_radius, beyond_reach
 from dlo_sim.simulation.selection import is_implicit
 
 CLAMP, MIDDLE = 0.05, 0.05  # of the errors above
@@ -45,7 +45,6 @@ LONGEST = 1.5  # spans per length are not longer than this, whatever the target
 # that two grippers force it into; whether both ends are held.
 RADIUS = {False: 6.0, True: 12.0}
 REACH = 2.8  # lambda over which the density of knots decays; by the errors of ten cables
-EDGED = "box", "mesh"
 MOST_FOR_EDGES = 60  # control points, as most cables lie on flat sides
 FEWEST, MOST = 9, 250  # control points that are chosen; with 250, steps still keep up
 
@@ -152,7 +151,7 @@ def _round_spans(scene: Scene, bend: float) -> list[tuple[float, str]]:
     least, found = scene.cable.length / (MOST_FOR_EDGES - bspline.DEGREE), []
     for one in scene.bodies:
         if one.shape != "plane" and not beyond_reach(scene, one):
-            span = ROUND * max(rounding(scene, one), bend)
+            span = ROUND * max(bend_radius(scene, one), bend)
             found.append((max(span, least * (one.shape in EDGED)), one.name))
     return found
 

@@ -90,6 +90,8 @@ from dlo_sim.simulation.stepper import Stepper
 from dlo_sim.simulation.waiting_motions import Waiting, WaitingMotions
 
 Array = NDArray[np.float64]
+Overlaps = dict[tuple[str, bool], tuple[int, float]]
+"""Obstacle that was inside the cable, whether it jumped -> how often, how deep at most [m]."""
 Basis = tuple[NDArray[np.int64], Array, Array]
 CHUNK = 4096  # steps of a long advance after which the state is kept in case of a failure
 NOTABLE = 1e4  # energy exchanged, in floors of the account: as of a motion by 1e-4 lengths a second
@@ -111,6 +113,7 @@ class Snapshot:
     geometries: Geometries
     origin: Array
     waiting: Waiting = field(default_factory=dict)
+    overlaps: Overlaps = field(default_factory=dict)
 
 
 class Simulator:
@@ -168,7 +171,7 @@ class Simulator:
         self._steps, self._remainder = 0, 0.0
         self._later = WaitingMotions()  # of obstacles
         # Obstacle and whether it jumped -> how often it came into the cable, how deep at most.
-        self._overlaps: dict[tuple[str, bool], tuple[int, float]] = {}
+        self._overlaps: Overlaps = {}
         self._fill_loads()
         for name in bodies & set(given):
             self.move_obstacle(name, EndMotion.resting(*given[name]))
@@ -186,7 +189,7 @@ class Simulator:
         self._needs = needs.stepped(self.choice.method.family == IMPLICIT)
         self._stepper = Stepper(scene, self.cable, self.choice.method, self.choice.step)
         self._look_every = steps_between_looks(self.choice.step, self._stepper.check_every)
-        self._give_way()
+        self._give_way(one.name for one in self.scene.bodies)
         self.cable.open_account(self.scene)
         started = time.perf_counter()
         self._stepper.advance(0, 0)  # no tick must have to compile this or the next line
@@ -255,11 +258,12 @@ class Simulator:
             obstacles.thin_warning(self.scene),
             obstacles.mesh_warning(self.scene),
             obstacles.depth_warning(self.scene, float(account.contact_deep)),
-            *(obstacles.overlap_warning(*key, *found) for key, found in self._overlaps.items()),
+            *(obstacles.overlap_warning(*key, *seen) for key, seen in self._overlaps.items()),
             *(obstacles.press_warning(name, one, self.scene) for name, one in bodies.items()),
             *(
-                obstacles.edge_warning(name, one, self.model, points)
-                for name, one in bodies.items()
+                obstacles.bend_warning(one, bodies[one.name], self.model, points)
+                for one in self.scene.bodies
+                if one.name in bodies
             ),
             self._watch.warning,
             *self_contact.warnings(self.scene, self.cable, itself),
@@ -752,7 +756,7 @@ class Simulator:
         before = self.cable.present_energy()
         self.move_obstacle(name, motion)
         self.cable.place_obstacles(self.time)
-        self._give_way(name, jumped=True)
+        self._give_way([name], jumped=True)
         self.cable.account.drive_work += self.cable.present_energy() - before
 
     def move_obstacle(self, name: str, motion: EndMotion) -> None:
@@ -828,7 +832,7 @@ class Simulator:
         """
         if added == self.scene.added:
             return
-        scene = replace(self.scene, added=added)
+        scene, known = replace(self.scene, added=added), set(self.scene.bodies)
         if self.choice.method.family != IMPLICIT or len(self.choice.method.substeps) > 1:
             raise ValueError(
                 f"obstacles: none can be added with integrator.method {self.method}, as they may "
@@ -843,8 +847,10 @@ class Simulator:
         for axis in {0, 1, 2} - set(needs.axes):
             if any(obstacle.pushes_along(axis, float(place[axis])) for obstacle in added):
                 needs = needs.spatial(scene)
+        for one in known ^ set(scene.bodies):
+            self._later.drop(one.name)
         self._activate(needs, self._geometries)
-        self._give_way()
+        self._give_way(one.name for one in set(scene.bodies) - known)
         self.cable.account.drive_work += self.cable.present_energy() - before
 
     @property
@@ -870,10 +876,11 @@ class Simulator:
         pose = self.end_pose(name) if body.shape in obstacles.GUIDES else None
         return obstacles.contact_with(self.cable, number, body, pose, tension)
 
-    def _give_way(self, *names: str, jumped: bool = False) -> None:
-        """Let obstacles yield that are inside the cable; count them."""
+    def _give_way(self, names: Iterable[str], jumped: bool = False) -> None:
+        """Let obstacles of these names yield that are inside the cable; count them."""
+        given = set(names)
         for number, obstacle in enumerate(self.scene.bodies if "contact" in self._needs else ()):
-            if not names or obstacle.name in names:
+            if obstacle.name in given:
                 depth = self.cable.give_way(number)
                 if depth > 0.5 * self.scene.cable.diameter:
                     key = obstacle.name, jumped
@@ -1074,6 +1081,7 @@ class Simulator:
             self._geometries,
             self._origin,
             self._waiting,
+            dict(self._overlaps),
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -1103,6 +1111,7 @@ class Simulator:
         names = {obstacle.name for obstacle in self.scene.bodies}
         waiting = {name: snapshot.waiting[name] for name in snapshot.waiting if name in names}
         self._later.replace(waiting)
+        self._overlaps = dict(snapshot.overlaps)
 
     def reset(self) -> None:
         """Go back to the initial state."""
@@ -1166,7 +1175,7 @@ class Simulator:
         if self._natural.follows:
             self._lay_natural_shape()
         shifted = np.abs(self.cable.points - given).max()
-        self._give_way()
+        self._give_way(one.name for one in self.scene.bodies)
         self.cable.open_account(self.scene)
         if not math.isfinite(self.cable.account.energy_start):
             self.restore(before)
@@ -1282,7 +1291,10 @@ class Simulator:
         self.cable.flow()
         for grasp in taking:
             self.take(grasp)
-        self._give_way()
+        continued = {one.name for one in other.scene.bodies} if same else set()
+        names = {one.name for one in self.scene.bodies}
+        self._overlaps = {key: n for key, n in other._overlaps.items() if key[0] in names}
+        self._give_way(names - continued)
         self.cable.open_account(self.scene, other.cable)
         self._initial = self.snapshot()
 
@@ -1291,6 +1303,8 @@ class Simulator:
         names = {one.name for one in self.scene.bodies}
         theirs = {one.name: k for k, one in enumerate(other.scene.bodies) if one.name in names}
         for obstacle, row in zip(self.scene.bodies, self.cable.obstacles, strict=False):
+            if obstacle.name not in theirs:
+                continue
             before = other.cable.obstacles[theirs[obstacle.name] :][:1]
             if len(before) and before[0, ACTIVE]:
                 row[:] = before[0]

@@ -40,7 +40,8 @@ class WaitingMotions:
         """
         self._next = {
             name: tuple(motion.later(-t).moved(way) for motion in waiting[name])
-            for name in names & waiting.keys()
+            for name in waiting
+            if name in names
         }
 
     def drop(self, name: str) -> None:

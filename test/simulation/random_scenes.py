@@ -151,13 +151,24 @@ def free_flight(sim: Simulator) -> Callable[[], float]:
     return error
 
 
+def last_reaction(sim: Simulator, end: str) -> np.ndarray:
+    """Force [N] of an end, of an implicit method the mean over the last step alone, (3,)."""
+    account = sim.cable.account
+    known = account.reactions
+    account.reactions = min(known, 1.0)
+    force = sim.reaction(end)[0]
+    account.reactions = known
+    return force
+
+
 class EndWork:
     """Energy of an undamped cable against reaction times way of its ends, step by step.
 
-    An implicit method's reaction is the mean over its step; an explicit one's is that of an
-    instant, and near its limit the mean of two is not the work. Steps in which a motion begins or
-    ends are left out: the velocity of an end jumps there, and no finite reaction does that work. So
-    are those of a turning clamp, whose moment changes its arm within a step.
+    An implicit method's reaction is the mean over two steps, of which the last one is taken; an
+    explicit one's is that of an instant, and near its limit the mean of two is not the work. Steps
+    in which a motion begins or ends are left out: the velocity of an end jumps there, and no finite
+    reaction does that work. So are those of a turning clamp, whose moment changes its arm within a
+    step.
     """
 
     def __init__(self, sim: Simulator, exchanged: Exchanged) -> None:
@@ -181,7 +192,7 @@ class EndWork:
             energy, old_places, old_turns = self._known
             clamped = [getattr(sim.scene, end).clamped for end in ENDS]
             if not (turns != old_turns)[clamped].any():
-                forces = np.array([sim.reaction(end)[0] for end in ENDS])
+                forces = np.array([last_reaction(sim, end) for end in ENDS])
                 work = float((forces * (places - old_places)).sum())
                 self._latest = now[0] - energy - work
                 self._largest = max(self._largest, abs(work))

@@ -121,7 +121,8 @@ CALLS = {
     "reaction_wrench": [(lambda sim, x: sim.reaction_wrench(x), "end", ())],
 }
 WITHOUT_ARGUMENTS = {"energy", "reset", "snapshot"}
-CHECKED_BEFORE = {"check_obstacle", "look_at", "replace_added"}  # for other rooms of the package
+# for other rooms of the package
+CHECKED_BEFORE = {"check_obstacle", "look_at", "replace_added", "warnings_with"}
 
 
 @pytest.fixture(scope="module")

@@ -197,3 +197,44 @@ def test_the_error_estimate_takes_obstacles_up_in_turn():
         found.append(estimate.largest)
     assert found[0].time > 0.0
     assert found[0] == found[1] == found[2]
+
+
+def test_an_obstacle_that_goes_takes_its_motions_along():
+    """One of the same name that comes after it rests."""
+    sim = lying()
+    place = {"position": BOX.position, "orientation": [0.0, 0.0, 0.0, 1.0]}
+    first = EndMotion(start=0.0, duration=0.02, **place, velocity=[0.0, 1.0, 0.0])
+    sim.add_obstacles([BOX])
+    sim.move_obstacle("box", first)
+    sim.move_obstacle("box", first.then(0.02))
+    sim.remove_obstacles(["box"])
+    sim.add_obstacles([BOX])
+    assert sim.advance(0.1).status.ok
+    assert sim.end_pose("box")[0].tolist() == list(BOX.position)
+
+
+def test_an_obstacle_that_comes_leaves_the_others_what_they_carry():
+    """Though the cable is pressed in; a changed parameter, and one that is new, likewise."""
+    sim = lying(**{"contact.stiffness": 1e3})
+    sim.add_obstacles([replace(TABLE, position=(0.0, 0.0, -0.003))])
+    sim.advance(1.0)
+    carried = sim.contact("table").force[2]
+    assert carried == pytest.approx(weight(sim), rel=1e-2)
+    assert sim.contact("table").clearance < -0.03 * sim.scene.cable.diameter
+    sim.add_obstacles([replace(BOX, position=(7.0, 0.0, 0.0))])
+    assert sim.contact("table").force[2] == pytest.approx(carried, rel=1e-9)
+    more = {"obstacles.names": ["ball"], "obstacles.ball.shape": "sphere"}
+    far = {"obstacles.ball.size": [0.1, 0.1, 0.1], "obstacles.ball.position": [0.0, 5.0, 0.0]}
+    other = sim.reconfigured(scene_from_values(LYING | {"contact.stiffness": 1e3} | more | far))
+    assert other.contact("table").force[2] == pytest.approx(carried, rel=1e-9)
+    assert other.advance(0.1).status.ok
+
+
+def test_a_reset_forgets_that_an_obstacle_jumped():
+    sim = lying(**{"contact.markers": 1})
+    sim.add_obstacles([TABLE])
+    kept = sim.snapshot()
+    sim.set_obstacle("table", [0.0, 0.0, 0.003])
+    assert any("jumped into the cable once" in line for line in sim.warnings)
+    sim.restore(kept)
+    assert not any("jumped" in line for line in sim.warnings)
