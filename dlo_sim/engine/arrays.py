@@ -279,7 +279,7 @@ class State(Group):
         "contact_margin",  # by which the cable may move until `near` is found anew [m]
         "contact_way",  # by how much cable and obstacles moved since [m]
         "contact_carried",  # by how much obstacles move in this step [m]
-        "contact_bow",  # share of the bow of the motion that is extrapolated (`implicit.predict`)
+        "extrapolated_share",  # of the second difference that `implicit.predict` extrapolates
         "contact_moved",  # cable and obstacles in the last explicit step [m]
         "contact_deep",  # samples and steps near the middle of an obstacle
         "pairs",  # of segments that may touch in a step (`self_contact`)
@@ -345,7 +345,7 @@ class Work(Group):
     start = Reals("lines", "columns")  # configuration at the start of the step
     start_v = Reals("lines", "columns")  # velocity there
     change = Reals("lines", "columns")  # q1 - q0
-    bow = Reals("lines", "columns")  # second difference of the last configurations
+    second_difference = Reals("lines", "columns")  # of the last three configurations
     middle = Reals("lines", "columns")  # configuration in the middle of the step
     rate = Reals("lines", "columns")  # an acceleration, or a velocity at the end of the step
     damping = Reals("lines", "columns")  # damping force

@@ -654,8 +654,8 @@ def add_force(cable, springs, rate, most, rubs, waits, x0, x1, out):
 
     Returns:
         Work of the obstacles [J], energy put into the bristles [J], loss [J], whether no sample may
-        have passed through an obstacle, how many are near the middle of one, and a number that
-        changes with what touches and, without the twist, what slides.
+        have passed through an obstacle, how many are near the middle of one, and a checksum of what
+        touches and, without the twist, what slides.
     """
     contact, state, work = cable.contact, cable.state, cable.work
     worked, kept, lost, jumps, depths = zero(), zero(), zero(), zero(), zero()
@@ -676,9 +676,9 @@ def add_force(cable, springs, rate, most, rubs, waits, x0, x1, out):
             dy = combined(1.0, three(after, PLACE), -1.0, three(before, PLACE))
             here, there, w = measured(before), measured(after), contact.weight[g]
             if misses(contact, o, here, there, dy):
-                if rubbed and waits:
-                    work.rolling[o, g, LIMIT] = zero()
                 if rubbed:
+                    if waits:
+                        work.rolling[o, g, LIMIT] = zero()
                     stored = 0.5 * stiff[0] * w * drop(cable, o, g)
                     lost += stored
                     kept = kept - stored
@@ -686,6 +686,10 @@ def add_force(cable, springs, rate, most, rubs, waits, x0, x1, out):
             gaps, n, elastic, p, slope, _, jumped, deep = pressure(cable, o, rate, here, there, dy)
             jumps += where(w, jumped, 0.0)
             depths += where(w, deep, 0.0)
+            # A checksum: every sample adds its mark if it is pressed, 0.7 marks if it ends outside,
+            # 1.7 if it slides. Marks differ from sample to sample, so that one that lets go while
+            # another one touches is seen; but not along z of the obstacle, where only the number
+            # of samples is seen.
             mark = 1.0 + fabs(before[PLACE]) + fabs(before[PLACE + 1])
             touched += where(p, mark, 0.0) + where(gaps[1], 0.7 * mark, 0.0)
             lost += w * (p - elastic) * (gaps[0] - gaps[1])

@@ -154,7 +154,7 @@ def predict(cable, tau):
     are not known. If the motion alternates from step to step, as undamped stiff modes do in steps
     far too long for them, the configuration before the present one. With contact, where stick and
     slip may change in every step, the second difference counts with the share of it that was right
-    in the step before (`learn_bow`): 1 is the quadratic, 0 the linear extrapolation.
+    in the step before (`learn_extrapolated_share`): 1 is the quadratic, 0 the linear extrapolation.
 
     Shifts the history by one configuration.
     """
@@ -178,13 +178,13 @@ def predict(cable, tau):
         c = tau * (tau + last) / (both * before_last)
     even = known and not alternates and tau == last == before_last
     if cable.terms & CONTACT:
-        bow = cable.work.bow
+        seconds = cable.work.second_difference
         for d in range(cable.lines):
             for i in range(0, cable.columns, LANES):
                 second = load(x, d, i) - 2.0 * load(near, d, i) + load(far, d, i)
-                store(bow, d, i, second if even else zero())
+                store(seconds, d, i, second if even else zero())
         if even:
-            share = balance.contact_bow
+            share = balance.extrapolated_share
             a, b, c = 2.0 + share, -1.0 - 2.0 * share, share
     for d in range(cable.lines):
         for i in range(0, cable.columns, LANES):
@@ -202,17 +202,19 @@ def predict(cable, tau):
 
 
 @part
-def learn_bow(cable):
-    """Set the share of the second difference before the step that best tells the one with it."""
-    bow, change, start = cable.work.bow, cable.work.change, cable.work.start
+def learn_extrapolated_share(cable):
+    """Fit the share with which the second difference before the step predicts that of the step, by
+    least squares, within 0 to 1.
+    """
+    before, change, start = cable.work.second_difference, cable.work.change, cable.work.start
     both, square = zero(), zero()
     for d in range(cable.dim):
         for i in range(0, cable.columns, LANES):
             second = load(change, d, i) - load(start, d, i) + load(cable.state.history[1], d, i)
-            both += second * load(bow, d, i)
-            square += load(bow, d, i) * load(bow, d, i)
+            both += second * load(before, d, i)
+            square += load(before, d, i) * load(before, d, i)
     share = lane_sum(both) / max(lane_sum(square), SMALLEST)
-    cable.state.balance.contact_bow = min(max(share, 0.0), 1.0)
+    cable.state.balance.extrapolated_share = min(max(share, 0.0), 1.0)
 
 
 @part
@@ -645,7 +647,7 @@ def finish_step(cable, t0, tau, whole, lost):
     change, ahead = work.change, work.rate
     moves = grasps_move(cable)
     if cable.terms & CONTACT:
-        learn_bow(cable)
+        learn_extrapolated_share(cable)
     lost += end_twist(cable, t0, tau)
     for line in range(cable.lines):
         for c in range(0, cable.columns, LANES):

@@ -99,19 +99,19 @@ def test_a_box_that_comes_pushes_the_cable_aside():
     assert sim.energy_error < 1e-4
 
 
-def test_the_predictor_takes_the_bow_of_a_smooth_motion_over():
-    """That of a fall, but not past the step that ends it."""
+def test_the_predictor_extrapolates_a_smooth_motion():
+    """A fall, with its second difference, but not past the step that ends it."""
     sim = lying(**{"damping.mass": 0.0})
     sim.add_obstacles([replace(TABLE, position=(0.0, 0.0, -0.05))])
     sim.advance(0.05)
-    assert sim.cable.account.contact_bow == pytest.approx(1.0, abs=1e-3)
+    assert sim.cable.account.extrapolated_share == pytest.approx(1.0, abs=1e-3)
     before = sim.steps
     report = sim.advance(0.03)
     assert report.force_evaluations == sim.steps - before, "what falls freely is where predicted"
     shares = []
     while not len(sim.contact("table").u):
         sim.advance_steps(1)
-        shares.append(sim.cable.account.contact_bow)
+        shares.append(sim.cable.account.extrapolated_share)
     assert shares[-2] == pytest.approx(1.0, abs=1e-3)
     assert shares[-1] < 0.1
 
