@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import rotations
 from dlo_sim.engine.arrays import CONTACT, SELF
-from dlo_sim.engine.grasps import DURATION
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation import obstacles
 from dlo_sim.simulation.cable import Cable
@@ -25,8 +24,8 @@ PLATE = 1.4  # side of what is shown of a plane, in diagonals of the box that th
 
 
 def drawn_obstacles(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str, Array]:
-    """Obstacles along the samples of a run in which they went on as they do now, and where the
-    cable touches them or itself; empty if it can touch nothing.
+    """Obstacles along the samples of a run, and where the cable touches them or itself; empty if it
+    can touch nothing.
 
     Returns:
         obstacle_triangles: surfaces, each in the frame of its obstacle [m], shape (k, 3, 3), and
@@ -43,15 +42,14 @@ def drawn_obstacles(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str,
     bodies = scene.bodies if cable.model.has(CONTACT) else ()
     if not (recorder.count and (bodies or cable.model.has(SELF))):
         return {}
-    times = recorder.times[: recorder.count]
     points = recorder.control_points[:, :, :3].reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
-    origin = cable.model.origin
-    poses = np.empty((len(times), len(bodies), 7))
+    poses = np.empty((recorder.count, len(bodies), 7))
+    for sample in range(recorder.count):
+        for k, pose in enumerate(_poses(cable, recorder, sample)):
+            poses[sample, k] = np.concatenate(pose)
     surfaces, numbers = [np.zeros((0, 3, 3))], [np.zeros(0)]
-    for k, (body, row) in enumerate(zip(bodies, cable.obstacles, strict=True)):
-        moving = times if row[DURATION] else times[:1]
-        poses[:, k] = [np.concatenate(obstacles.pose_at(row, t, origin)) for t in moving]
+    for k, body in enumerate(bodies):
         surface = obstacles.surface(body, PLATE * float(np.linalg.norm(high - low)))
         if body.shape == "plane":
             way = 0.5 * (low + high) - poses[0, k, :3]
@@ -67,6 +65,12 @@ def drawn_obstacles(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str,
     }
 
 
+def _poses(cable: Cable, recorder: Recorder, sample: int) -> list[tuple[Array, Array]]:
+    """Position [m] and quaternion of every obstacle at a sample, in the world."""
+    rows, time = recorder.obstacles_at(sample), recorder.times[sample]
+    return [obstacles.pose_at(row, time, cable.model.origin) for row in rows]
+
+
 def _contacts(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str, Array]:
     """The part of `drawn_obstacles` that has to do with contact."""
     twin, count = deepcopy(cable), recorder.count
@@ -75,10 +79,9 @@ def _contacts(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str, Array
     looks = np.unique(np.linspace(0, count - 1, min(count, MOST_LOOKS)).round().astype(int))
     gaps, sizes, to_itself = [], [], []
     for sample in looks:
-        time = recorder.times[sample]
-        twin.x[:] = recorder.lines[sample]
-        twin.touch_anew(time)
-        poses = (obstacles.pose_at(row, time, cable.model.origin) for row in cable.obstacles)
+        twin.x[:], twin.obstacles[:] = recorder.lines[sample], recorder.obstacles_at(sample)
+        twin.touch_anew(recorder.times[sample])
+        poses = _poses(twin, recorder, sample)
         found = [
             obstacles.contact_with(twin, k, body, pose, None)
             for k, (body, pose) in enumerate(zip(bodies, poses, strict=False))

@@ -42,8 +42,8 @@ class Forecast:
         centerline: [m], shape (S, n_c, 3). curvature: [1/m], shape (S, n_c).
         tension: [N], shape (S, n_c); None if the shape does not determine it.
         report: of the advance; after a failure only the shapes before it are given.
-        obstacles: what `drawn_obstacles` says of them and of contact. They go on as they move now,
-            to the end of that motion, and rest there.
+        obstacles: what `drawn_obstacles` says of them and of contact. They follow their
+            motions, also those that have not begun, and rest at the end of the last one.
         warnings: `Simulator.warnings` at the end of it; among them whether the cable passed through
             itself at one of the shapes.
     """

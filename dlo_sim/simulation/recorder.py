@@ -43,6 +43,7 @@ class Recorder:
         self.model = model
         self._records = Records(model.arrays.sizes | {"count": len(times)})
         self._records.times[:] = times
+        self._obstacles: list[tuple[int, Array]] = []  # first sample, rows from there on
 
     @property
     def address(self) -> int:
@@ -68,8 +69,18 @@ class Recorder:
         """Discard all but the first `count` samples."""
         self._records.marks[0] = min(self.count, count)
 
+    def keep_obstacles(self, rows: Array) -> None:
+        """Store rows of `Cable.obstacles`, which hold for the samples to come."""
+        if not (self._obstacles and np.array_equal(self._obstacles[-1][1], rows)):
+            self._obstacles.append((self.count, rows.copy()))
+
+    def obstacles_at(self, sample: int) -> Array:
+        """The rows of `Cable.obstacles` that held at a sample taken."""
+        return next(rows for first, rows in reversed(self._obstacles) if first <= sample)
+
     def put(self, cable: Cable, energy: float) -> None:
         """Store the present state as the next sample; energy: [J]."""
+        self.keep_obstacles(cable.obstacles)
         self._records.x[self.count] = cable.arrays.state.x
         self._records.energy[self.count] = energy
         self._records.marks[0] += 1

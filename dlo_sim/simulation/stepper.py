@@ -127,6 +127,8 @@ class Stepper:
         self, first: int, steps: int, tau: float, recorder: Recorder, *motions: Array
     ) -> Advance:
         cable, constants = self._cable, self._constants
+        if recorder is not self._unrecorded:
+            recorder.keep_obstacles(cable.obstacles)
         code = advance.code(cable.terms | constants.family)
         given = cable.address, constants.address, first, steps, tau, recorder.address
         status, done, evaluations = code(*given, *motions)

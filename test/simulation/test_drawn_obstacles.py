@@ -32,21 +32,24 @@ def test_a_recording_has_the_obstacles_and_where_they_press():
 
 
 def test_a_forecast_knows_obstacles_that_move_and_those_that_came():
-    """A ball that came later moves against the held cable and stops; the table is of the scene."""
+    """A ball that came later moves against the held cable, stops, and moves on; the table is of the
+    scene.
+    """
 
     def begun():
         held = {"start.fixed": [True] * 3, "contact.friction": 0.0, "terms.out_of_plane": "on"}
         table = {"obstacles.names": ["table"], "obstacles.table.position": [0.0, 0.0, -0.004]}
         sim = Simulator(scene_from_values(LYING | held | table))
         sim.add_obstacles([Obstacle("ball", "sphere", (0.04,) * 3, (0.2, 0.05, 0.0))])
-        path = np.array([(0.2, 0.05, 0.0), (0.0, -0.2, 0.0), (0.0, 0.0, 0.0)])
-        turn = np.array([0.0, 0.0, 0.0, 1.0])
-        motion = EndMotion.from_coefficients(0.0, 0.3, path, turn, np.zeros((2, 3)))
-        sim.move_obstacle("ball", motion)
+        for start, duration, y, speed in ((0.0, 0.3, 0.05, -0.2), (0.4, 0.1, -0.01, -0.05)):
+            pose = {"position": (0.2, y, 0.0), "orientation": (0.0, 0.0, 0.0, 1.0)}
+            velocity = (0.0, speed, 0.0)
+            motion = EndMotion(start=start, duration=duration, velocity=velocity, **pose)
+            sim.move_obstacle("ball", motion)
         sim.advance(0.1)
         return sim
 
-    sim, driven = begun(), begun()
+    sim, driven, advanced = begun(), begun(), begun()
     times = np.array([0.0, 0.5])
     poses = {"start": np.tile(np.concatenate(sim.end_pose("start")), (2, 1))}
     found = sim.forecast(Plan(times, poses), 0.05)
@@ -54,7 +57,12 @@ def test_a_forecast_knows_obstacles_that_move_and_those_that_came():
     assert np.array_equal(found.control_points, points)
     assert points[-1, 5:, 1].max() < -0.01, "it was pushed aside"
     balls = found.obstacles["obstacle_poses"][:, 1, 1]
-    np.testing.assert_allclose(balls[[0, 2, 9]], [0.02, 0.0, -0.01], atol=1e-12)
+    np.testing.assert_allclose(balls[[0, 2, 5, 9]], [0.02, 0.0, -0.01, -0.015], atol=1e-12)
+    for k, pose in enumerate(found.obstacles["obstacle_poses"][:, 1]):
+        advanced.advance(0.05)
+        np.testing.assert_allclose(pose[:3], advanced.end_pose("ball")[0], atol=1e-12)
+        clearance = min(one.clearance for one in advanced.contacts.values())
+        assert found.obstacles["contact_clearance"][k] == pytest.approx(clearance, abs=1e-9)
     last = driven.contacts
     clearance = min(one.clearance for one in last.values())
     assert found.obstacles["contact_clearance"][-1] == pytest.approx(clearance, abs=1e-12)
