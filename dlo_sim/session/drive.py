@@ -326,8 +326,6 @@ class Drive:
         spared, self._too_slow = self._too_slow, False
         if spared:
             self.estimate = _estimate(self.simulator)
-            for name, segment in self._segments.items():
-                self.estimate.go_on(name, segment.motion)
             self._hold_loads()
         return spared
 

@@ -130,8 +130,7 @@ class ErrorEstimate:
     @classmethod
     def continued(cls, simulator: Simulator) -> ErrorEstimate:
         """An estimate whose companions start from the present shape, motion and ends of a
-        simulator; earlier errors do not count. The caller sets loads, and motions in progress
-        (`go_on`), again.
+        simulator, with its motions; earlier errors do not count. The caller sets loads again.
         """
         return cls(simulator, simulator.reconfigured)
 
@@ -188,16 +187,14 @@ class ErrorEstimate:
     def set_motion(self, end: str, motion: EndMotion) -> None:
         """See `Simulator.set_motion`."""
         self.simulator.set_motion(end, motion)
-        start = motion.start - self._begun * self.simulator.step
-        self._move(end, replace(motion, start=start))
-
-    def go_on(self, end: str, motion: EndMotion) -> None:
-        """Let new companions continue a motion that the simulator has in progress."""
-        self._move(end, motion.rest(self.simulator.time))
+        moved = replace(motion, start=motion.start - self._begun * self.simulator.step)
+        for companion in self.companions:
+            companion.change(self._steps, lambda one: one.set_motion(end, moved))
 
     def replace_added(self, added: tuple[Obstacle, ...]) -> None:
         """See `Simulator.replace_added`. It takes milliseconds, so the companions wait, and follow
-        one after the other in the next two calls of `advance_steps` that advance.
+        one after the other in the next two calls of `advance_steps` that advance. If each call
+        changes obstacles again, one of them follows in two of three calls all the same.
         """
         self._change(lambda one: one.replace_added(added), later=True)
         self._changed = True
@@ -237,16 +234,14 @@ class ErrorEstimate:
         for companion in self.companions:
             companion.change(self._steps, change, later)
 
-    def _move(self, end: str, motion: EndMotion) -> None:
-        """Set a motion, whose start is in the companions' time, in the companions."""
-        for companion in self.companions:
-            companion.change(self._steps, lambda one: one.set_motion(end, motion))
-
     def _follow(self) -> None:
         began, busy = time.perf_counter(), self._changed
         self._changed = False
+        overdue = next((one for one in self.companions if one.skipped >= len(PARTS)), None)
         for companion in self.companions:
-            if not (companion.waits and busy):
+            if companion.waits and busy and companion is not overdue:
+                companion.skipped += 1
+            else:
                 busy = busy or companion.waits
                 companion.follow(self._steps)
         if self.simulator.steps % self._look == 0:
@@ -292,11 +287,12 @@ class _Companion:
         simulator: None if none is needed or possible.
         failure: why it is impossible, or why it stopped; empty otherwise.
         largest: largest error [m] so far; infinite after a failure.
+        skipped: number of times that the original advanced since this one followed.
     """
 
     def __init__(self, original: Simulator, part: str, place: _Place, kept: int) -> None:
         self.simulator: Simulator | None = None
-        self.failure, self.largest = "", 0.0
+        self.failure, self.largest, self.skipped = "", 0.0, 0
         self._errors: deque[float] = deque(maxlen=kept)
         self._waiting: deque[tuple[int, _Change]] = deque()
         try:
@@ -338,6 +334,7 @@ class _Companion:
             elif change is not None:
                 change(self.simulator)
         self._waiting.clear()
+        self.skipped = 0
 
     def compare(self, steps: int, points: Array, u: Array) -> None:
         """Estimate the error from the distance to the original's points (len(u), 3) after these
@@ -365,7 +362,7 @@ class _Companion:
             self._forget()
 
     def _forget(self) -> None:
-        self.failure, self.largest = "", 0.0
+        self.failure, self.largest, self.skipped = "", 0.0, 0
         self._errors.clear()
         self._waiting.clear()
 

@@ -35,9 +35,6 @@ class FakeEstimate:
     def take_over(self) -> None:
         self.recent = DiscretizationError(0.0, 0.0)
 
-    def go_on(self, end, motion) -> None:
-        self.went_on = end, motion
-
     def __getattr__(self, name):
         return getattr(self.simulator, name)
 

@@ -238,3 +238,12 @@ def test_a_reset_forgets_that_an_obstacle_jumped():
     assert any("jumped into the cable once" in line for line in sim.warnings)
     sim.restore(kept)
     assert not any("jumped" in line for line in sim.warnings)
+
+
+def test_the_error_estimate_keeps_up_with_obstacles_that_change_in_every_call():
+    estimate = ErrorEstimate.placed(lying())
+    for k in range(20):
+        estimate.replace_added((replace(BOX, position=(0.15, 0.03, 0.5 + 0.01 * k)),))
+        estimate.advance_steps(1)
+        lag = [estimate.simulator.steps - one.simulator.time / 5e-3 for one in estimate.companions]
+        assert max(lag) < 3.5

@@ -170,7 +170,7 @@ def test_companions_continue_from_the_present_state():
     assert continued.recent.space < 0.1 * placed.recent.space
 
 
-def test_companions_that_come_in_the_middle_of_a_motion_end_where_it_ends():
+def test_companions_that_come_in_the_middle_of_motions_follow_them():
     scene = shipped("two_grippers").with_values({"discretization.control_points": 13})
     alone, running = Simulator(scene), Simulator(scene)
     position, orientation = running.end_pose("end")
@@ -182,21 +182,26 @@ def test_companions_that_come_in_the_middle_of_a_motion_end_where_it_ends():
         pose = {"position": position, "orientation": orientation}
         motion = EndMotion(start=0.0, duration=2.0 * count * step, **pose, **changes)
         simulator.set_motion("end", motion)
+        simulator.set_motion("end", motion.then(count * step, acceleration=[0.0, 0.0, -0.2]))
         simulator.advance_steps(count)
     estimate = ErrorEstimate.continued(running)
-    estimate.go_on("end", motion)
-    assert estimate.advance_steps(count).status.ok and alone.advance_steps(count).status.ok
+
+    def ends_meet() -> None:
+        for one in estimate.companions:
+            poses = zip(one.simulator.end_pose("end"), running.end_pose("end"), strict=True)
+            for own, of_original in poses:
+                np.testing.assert_allclose(own, of_original, atol=1e-12)
+
+    for one in (estimate, alone):
+        assert one.advance_steps(2 * count).status.ok
+    ends_meet()
     np.testing.assert_array_equal(running.control_points, alone.control_points)
     position, orientation = running.end_pose("end")
     pose = {"position": position, "orientation": orientation}
     onward = EndMotion(start=running.time, duration=count * step, **pose, **changes)
     estimate.set_motion("end", onward)
     assert estimate.advance_steps(count).status.ok
-    for one in estimate.companions:
-        for own, of_original in zip(
-            one.simulator.end_pose("end"), running.end_pose("end"), strict=True
-        ):
-            np.testing.assert_allclose(own, of_original, atol=1e-12)
+    ends_meet()
     assert 0.0 < estimate.recent.total < 0.1  # today 0.04: few control points
 
 
