@@ -548,6 +548,10 @@ def misses(contact, o, here, there, dy):
     """Whether no lane touches or passes an obstacle in a step dy between two `measured`: it is
     outside before and after, and moves by no more than both gaps; false for a half space, where
     nothing is saved.
+
+    That bounds the way of a field whose slope is at most 1. The spline of a mesh overshoots where a
+    wall is thinner than two cells, with slopes up to 1.33 at one of 1.2 cells: there a step may
+    touch and be taken to miss.
     """
     if contact.core[o] == HALF_SPACE:
         return False

@@ -12,8 +12,8 @@ with the natural curvature kappa and r the smaller of
 
 An obstacle within reach bends the cable to its radius with the cable's, at an edge of a box or a
 mesh to that of the cable alone; or to lambda if that is larger. Spans are at most ROUND times that:
-friction round a rough cylinder is then right to 1 %, with spans of 1.2 times the radius to 4 %, and
-of 1.6 times to 33 %. Edges alone do not ask for more than MOST_FOR_EDGES control points.
+the friction of half a turn round a cylinder is then right to 1.5 % (coefficients up to 1). Edges
+alone do not ask for more than MOST_FOR_EDGES control points.
 
 Errors of the position [m] found with knot spans of length h:
 

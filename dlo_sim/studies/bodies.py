@@ -56,11 +56,8 @@ LYING: Values = {
 }
 LIFTED: Values = {"end.tangent": [1.0, 0.0, 0.0], "damping.mass": 3.0, "damping.bend": 1e-3}
 BELT_FRICTION, DRUM_FRICTION = 0.5, 0.3
-DRUM, TAIL, THICK = (
-    0.05,
-    0.15,
-    0.0025,
-)  # [m], radius of the drum, straight ends, radius of the cable
+# Radius of the drum, straight ends, radius of the cable [m].
+DRUM, TAIL, THICK = 0.05, 0.15, 0.0025
 
 
 def pulled(force: float, step: float, method: str = "energy_momentum") -> Simulator:

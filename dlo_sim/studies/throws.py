@@ -58,7 +58,7 @@ class Throw(NamedTuple):
     Attributes:
         kind: of KINDS. passed: whether the cable passed through something. finite: whether all
             numbers are. hit: whether anything touched. energy: error of the account, of what is
-            exchanged. momentum: what no impulse explains, of that at the start; NaN if the impulse
+            exchanged. momentum: what no impulse explains, of that at the start; None if the impulse
             is not known. seconds: processor time [s] of the steps.
     """
 
@@ -67,7 +67,7 @@ class Throw(NamedTuple):
     finite: bool
     hit: bool
     energy: float
-    momentum: float
+    momentum: float | None
     seconds: float
 
 
@@ -79,19 +79,31 @@ def throws(count: int) -> Measured:
             found.append(thrown(number, {}))
         except RuntimeError:
             failed += 1
-    by_kind = {True: [0.0], False: [0.0]}
+    return judged(count, found, failed)
+
+
+def judged(count: int, found: list[Throw], failed: int) -> Measured:
+    """Answers of `count` throws. They are not met by NaN, or where all throws failed."""
+    energy = largest([one.energy for one in found])
+    momenta: dict[bool, list[float]] = {True: [], False: []}
     for one in found:
-        if not math.isnan(one.momentum):
-            by_kind[one.kind == "itself"].append(one.momentum)
+        if one.momentum is not None:
+            momenta[one.kind == "itself"].append(one.momentum)
+    itself, bodies = largest(momenta[True]), largest(momenta[False])
     answers = (
         Answer(f"of {count} throws pass", 0.0, sum(one.passed for one in found), 0.0),
         Answer(f"of {count} fail or are NaN", 0.0, failed + sum(not t.finite for t in found), 0.0),
         Answer(f"of {count} touch nothing", 0.0, sum(not one.hit for one in found), 0.1 * count),
-        Answer(f"energy of {count} throws, open by", 0.0, max(one.energy for one in found), 1e-4),
-        Answer(f"momentum of {count} throws, at itself open by", 0.0, max(by_kind[True]), 1e-9),
-        Answer(f"momentum of {count} throws, at bodies open by", 0.0, max(by_kind[False]), 0.01),
+        Answer(f"energy of {count} throws, open by", 0.0, energy, 1e-4),
+        Answer(f"momentum of {count} throws, at itself open by", 0.0, itself, 1e-9),
+        Answer(f"momentum of {count} throws, at bodies open by", 0.0, bodies, 0.01),
     )
     return Measured(answers, sum(one.seconds for one in found), None)
+
+
+def largest(values: list[float]) -> float:
+    """NaN if any of them is, infinite if there are none."""
+    return float(np.max(values)) if values else math.inf
 
 
 def thrown(number: int, settings: Values) -> Throw:
@@ -125,7 +137,7 @@ def thrown(number: int, settings: Values) -> Throw:
         hit = hit or sim.energy().contact > 0.0
     off = float(np.linalg.norm(momentum(sim) - begun - impulse) / np.linalg.norm(begun))
     finite = bool(np.isfinite(sim.control_points).all() and np.isfinite(sim.velocities).all())
-    return Throw(kind, passed, finite, hit, sim.energy_error, off if known else math.nan, seconds)
+    return Throw(kind, passed, finite, hit, sim.energy_error, off if known else None, seconds)
 
 
 def at_body(kind: str, rng: np.random.Generator, step: float, settings: Values) -> Simulator:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dlo_sim.studies.throws import KINDS, swept, thrown
+from dlo_sim.studies.throws import KINDS, Throw, judged, swept, thrown
 
 OFF = {"box": "terms.contact", "sphere": "terms.contact", "edge": "terms.contact"}
 
@@ -22,7 +22,20 @@ def test_impulses_explain_the_momentum():
     """Of the body at short steps; a throw at itself keeps it."""
     assert thrown(0, {}).momentum < 5e-3
     assert thrown(7, {}).momentum < 1e-12
-    assert np.isnan(thrown(16, {}).momentum)  # with losses
+    assert thrown(16, {}).momentum is None  # with losses
+
+
+def test_no_answer_is_met_by_nan_or_by_throws_that_all_fail():
+    good = Throw("box", False, True, True, 0.0, 0.0, 1.0)
+    found = [good, good._replace(kind="itself"), good._replace(momentum=None)]
+    assert all(one.meets for one in judged(3, found, 0).answers)
+    for wrong in ({"energy": np.nan}, {"momentum": np.nan}):
+        assert (
+            sum(not one.meets for one in judged(4, [*found, good._replace(**wrong)], 0).answers)
+            == 1
+        )
+    missed = [not one.meets for one in judged(3, [], 3).answers]
+    assert missed == [False, True, False, True, True, True]
 
 
 def test_a_swept_surface_meets_a_needle_once_it_is_over_it():
