@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import rotations
 from dlo_sim.engine.arrays import CONTACT, SELF
+from dlo_sim.engine.grasps import DURATION
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation import obstacles
 from dlo_sim.simulation.cable import Cable
@@ -45,9 +46,12 @@ def drawn_obstacles(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str,
     points = recorder.control_points[:, :, :3].reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     poses = np.empty((recorder.count, len(bodies), 7))
-    for sample in range(recorder.count):
-        for k, pose in enumerate(_poses(cable, recorder, sample)):
-            poses[sample, k] = np.concatenate(pose)
+    for part, rows in recorder.obstacles():
+        for k, row in enumerate(rows):
+            moving = recorder.times[part] if row[DURATION] else recorder.times[part][:1]
+            poses[part, k] = [
+                np.concatenate(obstacles.pose_at(row, t, cable.model.origin)) for t in moving
+            ]
     surfaces, numbers = [np.zeros((0, 3, 3))], [np.zeros(0)]
     for k, body in enumerate(bodies):
         surface = obstacles.surface(body, PLATE * float(np.linalg.norm(high - low)))
@@ -61,17 +65,11 @@ def drawn_obstacles(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str,
         "obstacle_triangles": np.concatenate(surfaces),
         "obstacle_of": np.concatenate(numbers),
         "obstacle_poses": poses,
-        **_contacts(scene, cable, recorder),
+        **_contacts(scene, cable, recorder, poses),
     }
 
 
-def _poses(cable: Cable, recorder: Recorder, sample: int) -> list[tuple[Array, Array]]:
-    """Position [m] and quaternion of every obstacle at a sample, in the world."""
-    rows, time = recorder.obstacles_at(sample), recorder.times[sample]
-    return [obstacles.pose_at(row, time, cable.model.origin) for row in rows]
-
-
-def _contacts(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str, Array]:
+def _contacts(scene: Scene, cable: Cable, recorder: Recorder, poses: Array) -> dict[str, Array]:
     """The part of `drawn_obstacles` that has to do with contact."""
     twin, count = deepcopy(cable), recorder.count
     bodies = scene.bodies if cable.model.has(CONTACT) else ()
@@ -79,12 +77,14 @@ def _contacts(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str, Array
     looks = np.unique(np.linspace(0, count - 1, min(count, MOST_LOOKS)).round().astype(int))
     gaps, sizes, to_itself = [], [], []
     for sample in looks:
-        twin.x[:], twin.obstacles[:] = recorder.lines[sample], recorder.obstacles_at(sample)
+        twin.x[:] = recorder.lines[sample]
+        twin.obstacles[:] = next(
+            rows for part, rows in recorder.obstacles() if part.start <= sample < part.stop
+        )
         twin.touch_anew(recorder.times[sample])
-        poses = _poses(twin, recorder, sample)
         found = [
-            obstacles.contact_with(twin, k, body, pose, None)
-            for k, (body, pose) in enumerate(zip(bodies, poses, strict=False))
+            obstacles.contact_with(twin, k, body, (pose[:3], pose[3:]), None)
+            for k, (body, pose) in enumerate(zip(bodies, poses[sample], strict=True))
         ]
         to_itself.append(math.inf)
         if cable.model.has(SELF):

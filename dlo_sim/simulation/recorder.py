@@ -74,9 +74,11 @@ class Recorder:
         if not (self._obstacles and np.array_equal(self._obstacles[-1][1], rows)):
             self._obstacles.append((self.count, rows.copy()))
 
-    def obstacles_at(self, sample: int) -> Array:
-        """The rows of `Cable.obstacles` that held at a sample taken."""
-        return next(rows for first, rows in reversed(self._obstacles) if first <= sample)
+    def obstacles(self) -> list[tuple[slice, Array]]:
+        """Rows of `Cable.obstacles`, each with the samples taken at which they held."""
+        ends = [*(first for first, _ in self._obstacles[1:]), self.count]
+        parts = zip(self._obstacles, ends, strict=True)
+        return [(slice(first, end), rows) for (first, rows), end in parts if first < end]
 
     def put(self, cable: Cable, energy: float) -> None:
         """Store the present state as the next sample; energy: [J]."""
