@@ -144,9 +144,10 @@ class Cable:
         for line, axis in enumerate(axes):
             self.arrays.state.pair[1 + own.index(axis)] = before[1 + line]
 
-    def _begin_strands(self, before: Cable | None) -> None:
+    def _begin_strands(self, before: Cable | None, released: Sequence[float]) -> None:
         """Begin the contact with itself. Pairs, bristles and yielding are those of the cable
-        `before` if it touches itself by the same law; else what overlaps gives way.
+        `before` if it touches itself by the same law; else, and where grasps have released it since
+        (u [m]), what overlaps gives way.
         """
         state, account = self.arrays.state, self.account
         state.pair[:] = 0.0
@@ -155,6 +156,8 @@ class Cable:
             account.pair_yield = before.account.pair_yield
             self._set_pairs(before.arrays.state.pair, before.model.axes)
             self.call(self_contact.look)
+            for u in released:
+                self.part_strands(u)
         else:
             self.call(self_contact.look)
             account.overlap = self.part_strands()
@@ -435,15 +438,20 @@ class Cable:
 
     # -- account --------------------------------------------------------------------------------
 
-    def open_account(self, scene: Scene, before: Cable | None = None) -> None:
-        """Open the energy account at the present state, which goes on from another cable's if one
-        is given.
+    def open_account(
+        self, scene: Scene, before: Cable | None = None, released: Sequence[float] = ()
+    ) -> None:
+        """Open the energy account at the present state.
+
+        Args:
+            before: the cable from whose state this one goes on; default: from none.
+            released: material coordinates [m] at which grasps held that cable, but not this one.
         """
         cable, state = scene.cable, self.arrays.state
         numbers_of(state.balance)[:] = 0.0
         state.energy[:] = state.energy_begin[:] = 0.0
         if self.model.has(SELF):
-            self._begin_strands(before)
+            self._begin_strands(before, released)
         state.balance.floor = 0.5 * cable.mu * cable.length * (CREEP * cable.length) ** 2
         self.call(between_steps.open_account)
 

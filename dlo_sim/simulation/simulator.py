@@ -1230,7 +1230,7 @@ class Simulator:
 
     def reconfigured(self, scene: Scene) -> Simulator:
         """A simulator of another scene that starts with this one's shape, motion and ends, and with
-        what its friction holds if the knots are the same.
+        what its friction holds if the knots are the same (of strands, also diameter and stiffness).
 
         Loads are those of the scene; `set_load` must be called again. Building takes time: if this
         simulator has advanced meanwhile, let the new one `take_over` its state. Control points and
@@ -1295,7 +1295,10 @@ class Simulator:
         names = {one.name for one in self.scene.bodies}
         self._overlaps = {key: n for key, n in other._overlaps.items() if key[0] in names}
         self._give_way(names - continued)
-        self.cable.open_account(self.scene, other.cable)
+        now, before = (
+            {one.u for one in sim._held_now.values() if one.u is not None} for sim in (self, other)
+        )
+        self.cable.open_account(self.scene, other.cable, sorted(before - now))
         self._initial = self.snapshot()
 
     def _take_over_obstacles(self, other: Simulator) -> None:

@@ -276,7 +276,7 @@ def squeezed(speed):
 
 def test_strands_stay_pressed_while_something_else_changes():
     """Where another grasp takes or releases the cable, and in a simulator of another scene, unless
-    strands touch by another law there."""
+    strands touch by another law there, or a grasp does not hold the cable that has pressed them."""
     sim = squeezed(0.025)
     before, rows = sim.contacts["itself"], sim.cable.strands()
     assert before.total > 10.0 and rows[:, 0].min() < -0.05 * DIAMETER
@@ -292,9 +292,10 @@ def test_strands_stay_pressed_while_something_else_changes():
     assert not any("inside itself" in line for line in other.warnings)
     assert other.advance(0.001).status.ok
     assert other.contacts["itself"].total > 0.9 * before.total
-    stiffer = sim.reconfigured(sim.scene.with_values({"contact.stiffness": 1e9}))
-    assert stiffer.contacts["itself"].total == 0.0
-    assert not any("inside itself" in line for line in stiffer.warnings)
+    for key, value in (("contact.stiffness", 1e9), ("grasps.a.taken", False)):
+        other = sim.reconfigured(sim.scene.with_values({key: value}))
+        assert other.contacts["itself"].total < 1e-3 * before.total
+        assert not any("inside itself" in line for line in other.warnings)
 
 
 def test_strands_that_grippers_squeezed_part_slowly():
