@@ -142,7 +142,8 @@ class Cable:
         self.arrays.state.pair[0] = before[0]
         self.arrays.state.pair[1:] = 0.0
         for line, axis in enumerate(axes):
-            self.arrays.state.pair[1 + own.index(axis)] = before[1 + line]
+            if axis in own:  # not where a state of the plane is restored
+                self.arrays.state.pair[1 + own.index(axis)] = before[1 + line]
 
     def _begin_strands(self, before: Cable | None, released: Sequence[float]) -> None:
         """Begin the contact with itself. Pairs, bristles and yielding are those of the cable
@@ -169,7 +170,6 @@ class Cable:
         ours, theirs = self.arrays.chain, other.arrays.chain
         return bool(
             np.array_equal(self.model.knots, other.model.knots)
-            and set(other.model.axes) <= set(self.model.axes)
             and ours.segments == theirs.segments
             and ours.diameter == theirs.diameter
             and ours.law[contact.STIFFNESS] == theirs.law[contact.STIFFNESS]
