@@ -812,7 +812,8 @@ def try_step(cable, method, t0, tau, whole, level):
         converged = exhausted or min(SAFETY * shrinking, 1.0) * defect <= allowed
         if converged and cable.terms & CONTACT:
             after = contact.look(cable, tau, work.start, cable.state.x, work.rate)
-            converged = exhausted or after == touched
+            # With a twist that is still open the forces are not those of this shape.
+            converged = (exhausted or after == touched) and work.results.twist_open == 0.0
         if exhausted:
             # Corrections are round-off: the energy balance cannot be more accurate than this.
             floor = RESOLUTION * defect

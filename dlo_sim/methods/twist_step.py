@@ -43,7 +43,7 @@ MOST_NEWTON = 8  # Newton corrections with natural curvature in the material fra
 # below SHRUNK times the first one: while the shape changes the twist need not be exact.
 SETTLED, SHRUNK = 1e-4, 0.1
 # With friction that rolls the cable, which sticks or slides, Newton's corrections may overshoot.
-MOST_ROLLING, ROLLED, OVERSHOT = 40, 1e-9, 0.5
+MOST_ROLLING, ROLLED, OVERSHOT, LEAST_SHARE = 40, 1e-9, 0.5, 0.4
 WITHIN = float64, CABLE, float64, float64, boolean, boolean
 END = float64, CABLE, float64, float64
 
@@ -185,7 +185,8 @@ def correct_twist(cable, begin, end, x, tau, beta, spins, make, before):
         for c in range(cable.columns):
             along += rest[c] * sum_[c]
         if not along > -OVERSHOT * before:
-            share = min(max(before / (before - along), 0.1), 0.5)
+            # By the secant rule, but not more: where samples stick again the residual has a kink.
+            share = max(before / (before - along), LEAST_SHARE)
             shorten(cable, x, tau, share)
             return np.inf, share * before
     if make:

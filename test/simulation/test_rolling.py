@@ -132,3 +132,54 @@ def test_quasistatic_twist_does_not_roll():
     cable = lying(0.5, math.radians(20.0), **{"terms.twist": "quasistatic"})
     cable.advance(0.1)
     assert abs(motion(cable)[0]) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("length", "diameter", "modulus", "damping", "points", "height", "speed", "spin"),
+    [
+        (
+            0.4223278461573528,
+            0.003080337720434948,
+            1335625.7310252206,
+            0.01,
+            8,
+            0.007068538112264037,
+            -0.76537533,
+            2.51974543,
+        ),
+        (
+            1.2539996430547284,
+            0.002601936312925296,
+            10255212.669208985,
+            0.001,
+            23,
+            0.0018705627151113099,
+            -0.53871848,
+            21.06265715,
+        ),
+    ],
+)
+def test_falls_with_a_spin_keep_the_energy_account(
+    length, diameter, modulus, damping, points, height, speed, spin
+):
+    """Two of 2,400 random ones, in which the twist of a step converged slowly."""
+    cable = lying(
+        0.1,
+        **{
+            "gravity": [0.0, 0.0, -9.81],
+            "cable.length": length,
+            "cable.diameter": diameter,
+            "cable.density": 1200.0,
+            "cable.youngs_modulus": modulus,
+            "cable.shear_modulus": modulus / 3.0,
+            "damping.stiffness": damping,
+            "discretization.control_points": points,
+            "start.position": [-0.5 * length, 0.0, height],
+            "end.position": [0.5 * length, 0.0, height],
+        },
+    )
+    rates = np.zeros_like(cable.control_points)
+    rates[:, 1], rates[:, 3] = speed, spin
+    cable.start_from(cable.control_points, rates)
+    assert cable.advance(0.6).status.ok
+    assert cable.energy_error < 1e-5
