@@ -39,7 +39,12 @@ SCENE = f"""{SIGNATURE}: a rubber-sheathed cable leaves a gripper along the
       torsional_stiffness: 0.01 # N m^2
     damping:
       stiffness: 0.004          # s
+      mass: 0.5                 # 1/s
       air_drag: 0.12            # N s/m^2
+    discretization:
+      control_points: 60        # for the bend at the edge, which decides how far the end swings
+    integrator:
+      step: 0.001               # s
     start:
       fixed: [true, true, true]
       clamped: true

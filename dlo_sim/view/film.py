@@ -58,7 +58,7 @@ def write_film(
     frames = np.searchsorted(run.time, np.linspace(run.time[0], run.time[-1], count))
     figure, axes, tint = _stage(run, (4.8, 3.6), _FILM_DPI)
     FigureCanvasAgg(figure)
-    clock = figure.text(0.02, 0.03, "", family="monospace")
+    clock = figure.text(0.02, 0.94, "", family="monospace")
     writer: Any = {"gif": PillowWriter, "mp4": FFMpegWriter}[kind](fps=count / max(span, 1e-3))
     # The writers choose the format by the suffix, which a temporary name does not have.
     named = path.with_name(f"{path.name}.{kind}")

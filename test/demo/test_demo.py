@@ -166,7 +166,7 @@ def test_folder_that_cannot_be_written_is_refused(tmp_path):
     [
         (8_192, "input is incomplete (No space left on device) and was removed", []),
         (110_000, "predicted is incomplete (No space left on device) and was removed", ["input"]),
-        (900_000, "motion.html: No space left on device", ["input", "predicted"]),
+        (2100000, "motion.html: No space left on device", ["input", "predicted"]),
     ],
 )
 def test_full_disk_leaves_whole_files_and_one_line(
