@@ -1303,18 +1303,17 @@ class Simulator:
 
     def _take_over_obstacles(self, other: Simulator) -> None:
         """Continue the motions of the other simulator's obstacles."""
-        names = {one.name for one in self.scene.bodies}
-        theirs = {one.name: k for k, one in enumerate(other.scene.bodies) if one.name in names}
-        for obstacle, row in zip(self.scene.bodies, self.cable.obstacles, strict=False):
-            if obstacle.name not in theirs:
-                continue
-            before = other.cable.obstacles[theirs[obstacle.name] :][:1]
-            if len(before) and before[0, ACTIVE]:
-                row[:] = before[0]
-                row[START] -= other.time
-                row[POSITION : POSITION + 3] += other._origin - self._origin
         way = other._origin - self._origin
-        self._later.take_over(other._later.by_name, set(theirs), other.time, way)
+        names = [one.name for one in other.scene.bodies]
+        theirs = dict(zip(names, other.cable.obstacles, strict=False))
+        for obstacle, row in zip(self.scene.bodies, self.cable.obstacles, strict=False):
+            before = theirs.get(obstacle.name)
+            if before is not None and before[ACTIVE]:
+                row[:] = before
+                row[START] -= other.time
+                row[POSITION : POSITION + 3] += way
+        here = {one.name for one in self.scene.bodies}
+        self._later.take_over(other._later.by_name, here, other.time, way)
         self.cable.place_obstacles(0.0)
 
     def _take_over_grasps(self, other: Simulator) -> list[str]:
