@@ -58,22 +58,22 @@ def release_from_line(cable: Cable, scene: Scene) -> bool:
     x = cable.x[:dim]
     length = model.knots[-1]
     chord = x[:, -1] - x[:, 0]
-    span = float(np.sqrt(chord @ chord))
+    span = math.hypot(*chord)
     if span < 0.1 * length or not model.has(ANY_STRETCH):
         return False
     along = chord / span
     middle = x[:, model.n // 2] - x[:, 0]
-    if np.abs(middle - along * (along @ middle)).max() > STRAIGHT * length:
+    if np.abs(_across(middle, along)).max() > STRAIGHT * length:
         return False  # at first only one point, which costs the least
     way = x - x[:, :1]
-    if np.abs(way - np.outer(along, along @ way)).max() > STRAIGHT * length:
+    if np.abs(_across(way, along)).max() > STRAIGHT * length:
         return False
-    rate = _growth(cable, scene.cable.mu, along @ way)
+    rate = _growth(cable, scene.cable.mu, np.einsum("d,dn->n", along, way))
     if rate == 0.0 or not _unstable(cable):
         return False
     push = np.zeros_like(cable.x)
     push[:dim] = np.random.default_rng(0).standard_normal((dim, model.n))
-    push[:dim] -= np.outer(along, along @ push[:dim])
+    push[:dim] = _across(push[:dim], along)
     push = _without_momentum(cable, cable.free_acceleration(push))
     largest = np.abs(push[:dim]).max()
     if largest == 0.0:
@@ -84,6 +84,11 @@ def release_from_line(cable: Cable, scene: Scene) -> bool:
     return True
 
 
+def _across(vectors: Array, along: Array) -> Array:
+    """Vectors (dim,) or (dim, n) less their parts in a unit direction (dim,)."""
+    return vectors - np.multiply.outer(along, np.einsum("d...,d->...", vectors, along))
+
+
 def _without_momentum(cable: Cable, push: Array) -> Array:
     """Free velocities (lines, n) less those of a uniform force that has their momentum."""
     share = mass.multiply(cable.model.mass(0), np.ones(cable.model.n))
@@ -91,9 +96,9 @@ def _without_momentum(cable: Cable, push: Array) -> Array:
         uniform = np.zeros_like(push)
         uniform[line] = share
         uniform = cable.free_acceleration(uniform)
-        carried = float(share @ uniform[line])
+        carried = float((share * uniform[line]).sum())
         if carried > 0.0:
-            push = push - float(share @ push[line]) / carried * uniform
+            push = push - float((share * push[line]).sum()) / carried * uniform
     return push
 
 

@@ -95,7 +95,7 @@ def fill_rows(model: Model, values: Array, shifts: Array) -> None:
         points.weights[p] = point.weights
         points.sum[p] = sum(point.weights) if point.other < 0 else 0.0
     without_margins(points.shift, model.n)[:] = shifts
-    points.product[:] = values @ shifts.T
+    points.product[:] = np.einsum("pn,qn->pq", values, shifts)
     rows.count = len(holding.rows)
     for k, row in enumerate([*holding.rows, *holding.springs]):
         rows.point[k], rows.grasp[k], rows.line[k] = row.point, row.grasp, row.line

@@ -126,7 +126,7 @@ class EndDrive:
                     points[outer, axis] = place[axis]
             if end.clamped:
                 direction = self.tangent(name, t) * (1.0 if start else -1.0)
-                along = float((points[inner, :3] - place[:3]) @ direction)
+                along = float(((points[inner, :3] - place[:3]) * direction).sum())
                 if anew or abs(along) < LEAST_THIRD * self._thirds[name]:
                     along = self._thirds[name]
                 at = place[:3] + along * direction

@@ -51,7 +51,12 @@ def largest_frequency(scene: Scene, cable: Cable) -> float:
         value = max(value, twisting)
     if model.has(TORSION):
         value = with_torsion(value, scene, model)
-    return value
+    return _without_rounding(value)
+
+
+def _without_rounding(frequency: float) -> float:
+    """Ten digits: LAPACK rounds the others differently on another processor, and steps follow."""
+    return float(f"{frequency:.10g}")
 
 
 def with_grasps_and_contact(scene: Scene, model: Model, frequency: float) -> float:
@@ -83,7 +88,7 @@ def with_grasps_and_contact(scene: Scene, model: Model, frequency: float) -> flo
             basis = bspline.evaluate(np.eye(model.n), model.knots, places, derivative)
             lightest = float(np.einsum("ui,ij,uj->u", basis, inverse, basis).max())
             frequency = math.hypot(frequency, math.sqrt(stiffness * lightest))
-    return frequency
+    return _without_rounding(frequency)
 
 
 def _held_rows(cable: Cable) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -98,7 +99,7 @@ def geometries_of(scene: Scene, poses: Mapping[str, Pose] | None = None) -> dict
             tangent = np.array(X_AXIS)
         elif not tangent.any():
             tangent = rotations.rotate(rotations.conjugate(orientation), line)
-        tangent = tangent / np.linalg.norm(tangent)
+        tangent = tangent / math.hypot(*tangent)
         result[name] = Geometry(position, orientation, attachment, tangent, coordinates[name])
     u = np.linspace(0.0, length, NEAREST)
     for grasp in scene.grasps:
@@ -142,11 +143,11 @@ def given_quaternion(name: str, value: object) -> Array:
 def _straight_direction(scene: Scene, start: Array, end: Array) -> Array:
     """Unit direction from start to end; if they coincide, that of gravity, or x without gravity."""
     line = end - start
-    if np.linalg.norm(line) < 1e-9 * scene.cable.length:
+    if math.hypot(*line) < 1e-9 * scene.cable.length:
         line = np.asarray(scene.gravity, dtype=float)
     if not line.any():
         line = np.array([1.0, 0.0, 0.0])
-    return line / np.linalg.norm(line)
+    return line / math.hypot(*line)
 
 
 def first_shape(scene: Scene, geometries: Geometries, knots: Array) -> Array:
@@ -211,7 +212,7 @@ def _arc(scene: Scene, start: Array, end: Array, length: float, share: Array) ->
     The arc sags in the direction of gravity. If the chord is not shorter, the points are on it.
     """
     chord = end - start
-    gap = float(np.linalg.norm(chord))
+    gap = math.hypot(*chord)
     if gap >= length * (1.0 - 1e-9):
         return start + share[:, None] * chord
     ratio = gap / length
@@ -223,12 +224,12 @@ def _arc(scene: Scene, start: Array, end: Array, length: float, share: Array) ->
     angle = 0.5 * (low + high)
     along = chord / gap if gap > 1e-9 * length else np.array([1.0, 0.0, 0.0])
     down = np.asarray(scene.gravity, dtype=float)
-    down = down - along * (down @ along)
-    if np.linalg.norm(down) < 1e-9:
+    down = down - along * (down * along).sum()
+    if math.hypot(*down) < 1e-9:
         down = np.cross(along, [0.0, 1.0, 0.0])
-        if np.linalg.norm(down) < 1e-6:
+        if math.hypot(*down) < 1e-6:
             down = np.cross(along, [1.0, 0.0, 0.0])
-    down = down / np.linalg.norm(down)
+    down = down / math.hypot(*down)
     radius = length / (2.0 * angle)
     phase = angle * (2.0 * share - 1.0)
     middle_point = 0.5 * (start + end)

@@ -9,6 +9,7 @@ spring holds such a position, r' or the twist through a stiffness. A grasp that 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -295,10 +296,10 @@ def across(end: Geometry, axes: tuple[int, ...]) -> list[Array]:
         (normal,) = (axis for axis in range(3) if axis not in axes)
         body_normal = rotations.rotate(rotations.conjugate(end.orientation), np.eye(3)[normal])
         side = np.cross(body_normal, tangent)
-        return [side / np.linalg.norm(side)]
+        return [side / math.hypot(*side)]
     helper = np.eye(3)[np.argmin(np.abs(tangent))]
     side = np.cross(tangent, helper)
-    side /= np.linalg.norm(side)
+    side /= math.hypot(*side)
     return [side, np.cross(tangent, side)]
 
 
@@ -308,7 +309,7 @@ def _end_springs(scene: Scene, ends: Geometries) -> Array:
     if inextensible(scene) and scene.cable.EA > 0.0:
         # The axial compliance of the cable, which an inextensible one lacks, goes half to each end.
         line = ends["end"].attachment - ends["start"].attachment
-        share = (line / max(float(np.linalg.norm(line)), 1e-300)) ** 2
+        share = (line / max(math.hypot(*line), 1e-300)) ** 2
         compliance = 0.5 * share * scene.cable.length / scene.cable.EA
         stiffness = stiffness / (1.0 + stiffness * compliance)
     return stiffness

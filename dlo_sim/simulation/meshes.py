@@ -274,10 +274,12 @@ def _sign(distances: Array, crossings: Array) -> None:
 
 def _coefficients(values: Array) -> Array:
     """Of the tricubic B-spline through values, which ends linearly."""
-    c = values
-    for axis, n in enumerate(c.shape):
-        through = np.diag(np.full(n, 2.0 / 3.0))
-        through += (np.eye(n, k=1) + np.eye(n, k=-1)) / 6.0
-        through[[0, -1]] = np.eye(n)[[0, -1]]
-        c = np.moveaxis(np.tensordot(np.linalg.inv(through), c, (1, axis)), 0, axis)
-    return np.ascontiguousarray(c)
+    found = values.copy()
+    for axis, n in enumerate(found.shape):
+        c, share = np.moveaxis(found, axis, 0), np.zeros(n)
+        for i in range(1, n - 1):  # c[i - 1] + 4 c[i] + c[i + 1] = 6 value
+            share[i] = 1.0 / (4.0 - share[i - 1])
+            c[i] = share[i] * (6.0 * c[i] - c[i - 1])
+        for i in range(n - 2, 0, -1):
+            c[i] -= share[i] * c[i + 1]
+    return found

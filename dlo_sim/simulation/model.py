@@ -139,8 +139,8 @@ class Model:
 
     def mass_solutions(self, values: Array, twist: int) -> Array:
         """M^-1 b for rows b, shape (m, n), with the mass matrix of space or of the twist line."""
-        matrix = mass.dense(self._lower(self.arrays.linear.mass[twist]))
-        return np.asarray(np.linalg.solve(matrix, values.T).T)
+        band = self._lower(self.arrays.linear.mass[twist])
+        return mass.solve(band, np.zeros(self.n, dtype=bool), values.T).T
 
     @property
     def twisting_stiffness(self) -> Array:

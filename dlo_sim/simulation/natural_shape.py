@@ -8,6 +8,8 @@ start's end effector as a whole.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -129,13 +131,13 @@ def natural_rows(scene: Scene, model: Model, tangent: Array) -> Array:
 
     axis = np.array(cable.rest_curvature_axis)
     aside = np.cross(tangent, axis)
-    across = float(np.linalg.norm(aside))
+    across = math.hypot(*aside)
     if across < LEAST_ACROSS and (model.has(MATERIAL) or any(cable.rest_curvature_2)):
         raise SceneError(
             f"cable.rest_curvature_axis: {axis.tolist()} lies along the cable where it leaves the "
             "start, and bends nothing; give an axis across it"
         )
-    bent = along(cable.rest_curvature) * axis / np.linalg.norm(axis)
+    bent = along(cable.rest_curvature) * axis / math.hypot(*axis)
     bent = bent + along(cable.rest_curvature_2) * aside / max(across, LEAST_ACROSS)
     return np.concatenate([bent, along(cable.rest_twist)], axis=-1)
 
@@ -160,7 +162,11 @@ def unslipped(model: Model, rows: Array, tangents: Array) -> Array:
 
 def turned_rows(rows: Array, turn: Array) -> Array:
     """The rows with their vectors turned by a matrix (3, 3)."""
-    return np.concatenate([rows[..., :3] @ turn.T, rows[..., 3:]], axis=-1)
+    return np.concatenate([_turned(rows, turn), rows[..., 3:]], axis=-1)
+
+
+def _turned(rows: Array, turn: Array) -> Array:
+    return np.asarray(np.einsum("ij,smj->smi", turn, rows[..., :3]))
 
 
 def local_turn(turn: Array, axes: tuple[int, ...]) -> Array:
@@ -171,7 +177,7 @@ def local_turn(turn: Array, axes: tuple[int, ...]) -> Array:
     if len(axes) == 3:
         return turn
     normal = np.cross(np.eye(3)[axes[0]], np.eye(3)[axes[1]])
-    return np.array([np.zeros(3), np.zeros(3), normal @ turn])
+    return np.array([np.zeros(3), np.zeros(3), (normal[:, None] * turn).sum(axis=0)])
 
 
 def rows_in_frames(rows: Array, start: Array, first: Array, frames: Array) -> Array:
@@ -182,7 +188,7 @@ def rows_in_frames(rows: Array, start: Array, first: Array, frames: Array) -> Ar
             frame there, x along the cable. frames: at the samples, (spans, samples, 4).
     """
     inside = rotations.multiply(rotations.conjugate(first), start)
-    vectors = rows[..., :3] @ rotations.to_matrix(inside).T
+    vectors = _turned(rows, rotations.to_matrix(inside))
     vectors[..., 0] = 0.0  # what points along the cable does not bend it
     turn = rotations.to_matrix(frames.reshape(-1, 4)).reshape(*frames.shape[:2], 3, 3)
     return np.concatenate([np.einsum("smij,smj->smi", turn, vectors), rows[..., 3:]], axis=-1)

@@ -262,10 +262,11 @@ def pose_at(row: Array, t: float, origin: Array) -> tuple[Array, Array]:
     """
     s = min(max(t - row[START], 0.0), row[DURATION])
     powers = np.array([1.0, s, s * s])
-    turn = powers[1:] @ row[TURN : TURN + 6].reshape(2, 3)
+    turn = (powers[1:, None] * row[TURN : TURN + 6].reshape(2, 3)).sum(axis=0)
     first = rotations.from_matrix(row[FRAME : FRAME + 9].reshape(3, 3))
     there = rotations.multiply(rotations.from_rotation_vector(turn), first)
-    return powers @ row[POSITION : POSITION + 9].reshape(3, 3) + origin, there
+    place = (powers[:, None] * row[POSITION : POSITION + 9].reshape(3, 3)).sum(axis=0)
+    return place + origin, there
 
 
 def write(row: Array, motion: EndMotion) -> None:
@@ -551,7 +552,7 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
         if core.kind == contact.MESH:
             _fill_field(obstacle, radius, group, k)
         # The cable is never further from what it touches.
-        group.extent[k] = 2.0 * scene.cable.length if flat else np.linalg.norm(core.half)
+        group.extent[k] = 2.0 * scene.cable.length if flat else math.hypot(*core.half)
 
 
 def _fill_field(obstacle: Obstacle, radius: float, group: ContactArrays, number: int) -> None:
@@ -625,14 +626,15 @@ def trapezoidal(knots: Array, xi: Array, there: NDArray[np.bool_]) -> quadrature
     apart = np.diff(places[there])
     weights = np.zeros(xi.shape)
     weights[there] = 0.5 * (np.append(apart, 0.0) + np.append(0.0, apart))
-    spans = len(ends) - 1
-    first, every = np.arange(spans)[:, None], np.zeros((*xi.shape, spans + bspline.DEGREE))
     values = values_of_spans(knots, xi)
-    for k in range(bspline.ACTIVE):
-        every[first, np.arange(xi.shape[1]), first + k] = values[..., k]
-    integrals = (knots[bspline.ACTIVE :] - knots[: -bspline.ACTIVE]) / bspline.ACTIVE
-    lacking = integrals - weights[there] @ every[there]
-    weights[there] += np.linalg.lstsq(every[there].T, lacking, rcond=None)[0]
+    lacking = (knots[bspline.ACTIVE :] - knots[: -bspline.ACTIVE]) / bspline.ACTIVE
+    here = np.arange(len(xi))[:, None] + np.arange(bspline.ACTIVE)
+    np.subtract.at(lacking, here, np.einsum("sm,smk->sk", weights, values))
+    # Least squares by their normal equations; a single span has more basis functions than samples.
+    band = mass.gram(knots, rule=quadrature.Quadrature(xi, there.astype(float)))
+    band[0] *= 1.0 + 1e-13
+    change = mass.solve(band, np.zeros(len(lacking), dtype=bool), lacking)
+    weights += there * np.einsum("smk,sk->sm", values, change[here])
     return quadrature.Quadrature(xi, weights)
 
 

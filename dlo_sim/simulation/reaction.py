@@ -46,7 +46,8 @@ def _place_of(model: Model, grasp: int, points: Array, slides: Array) -> Array:
     places = [point for point in held if abs(sum(point.weights)) > 0.5]
     if not places:
         return np.zeros(3)
-    return np.array(places[0].weights) @ points[places[0].first : places[0].first + 4, :3]
+    first = places[0].first
+    return (np.array(places[0].weights)[:, None] * points[first : first + 4, :3]).sum(axis=0)
 
 
 def _held_with_constraints(cable: Cable, t: float) -> Array:

@@ -119,11 +119,11 @@ def _with(scene: Scene, number: int, grading: bspline.Grading) -> Scene:
 def _wanted_spans(scene: Scene) -> _Spans:
     cable, ends, target = scene.cable, scene.ends.values(), scene.accuracy.target
     held = [any(end.fixed) or any(end.spring) for end in ends]
-    gravity = float(np.linalg.norm(scene.gravity)) * (scene.terms.gravity != "off")
+    gravity = math.hypot(*scene.gravity) * (scene.terms.gravity != "off")
     bending = cable.EI * (scene.terms.bend != "off")
     bodies = sum(end.mass for end, holds in zip(ends, held, strict=True) if not holds)
     weight = cable.mu * gravity
-    pulled = sum(float(np.linalg.norm(load.force)) for load in scene.loads)
+    pulled = sum(math.hypot(*load.force) for load in scene.loads)
     tension = (weight * cable.length + bodies * gravity + pulled) / max(sum(held), 1)
     radius = cable.length / RADIUS[all(held)]
     if weight and bending:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -153,8 +154,8 @@ def accurate_step(scene: Scene, method: Method = METHODS["energy_momentum"]) -> 
     """
     target = scene.accuracy.target
     mass = scene.cable.mu * scene.cable.length + scene.start.mass + scene.end.mass
-    pull = sum(float(np.linalg.norm(load.force)) for load in scene.loads)
-    calm = max(float(np.linalg.norm(scene.gravity)), LEAST_ACCELERATION)
+    pull = sum(math.hypot(*load.force) for load in scene.loads)
+    calm = max(math.hypot(*scene.gravity), LEAST_ACCELERATION)
     step, fastest = _following(calm + pull / mass, target, method)
     why = f"modes up to {fastest:.3g} rad/s stay within accuracy.target {target:g} m for 1 s"
     least = min(_following(calm, target, method)[0], LEAST_LOADED_STEP)

@@ -1032,10 +1032,11 @@ class Simulator:
             u = float(places[np.argmin(away)])
         columns, values, slopes = self._basis(np.array([u]))
         points = self.cable.points[columns[0], :3]
-        tangent = slopes[0] @ points
+        tangent = (slopes[0, :, None] * points).sum(axis=0)
         tangent = rotations.rotate(rotations.conjugate(orientation), tangent)
-        tangent /= np.linalg.norm(tangent)
-        return Geometry(position, orientation, values[0] @ points, tangent, u)
+        tangent /= math.hypot(*tangent)
+        place = (values[0, :, None] * points).sum(axis=0)
+        return Geometry(position, orientation, place, tangent, u)
 
     def _hold(self, grasp: str, geometry: Geometry) -> None:
         """Hold the cable as a grasp does from now on; what that changes in energy is its work."""
@@ -1065,7 +1066,7 @@ class Simulator:
     def _angle_at(self, u: float, points: Array) -> float:
         """Twist angle [rad] of control points (n, 4) at u [m]."""
         columns, values, _ = self._basis(np.array([u]))
-        return float(values[0] @ points[columns[0], 3])
+        return float((values[0] * points[columns[0], 3]).sum())
 
     # -- state ------------------------------------------------------------------------------------
 

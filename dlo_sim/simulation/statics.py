@@ -28,6 +28,7 @@ relaxation finds the equilibrium: steps in time with kinetic damping (Cundall 19
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -184,7 +185,7 @@ class _FirstShape:
         if resting:
             self._relax_elastic_twin()
         if not cable.call(rattle.to_rest_length):
-            apart = float(np.linalg.norm(cable.points[-1, :3] - cable.points[0, :3]))
+            apart = math.dist(cable.points[-1, :3], cable.points[0, :3])
             raise SceneError(
                 "integrator.method: rattle keeps the cable at its length, "
                 f"{scene.cable.length:.6g} m, which does not fit between its ends, {apart:.6g} m "
@@ -482,8 +483,8 @@ class _Way:
         for k, ((begin, one), (end, other)) in enumerate(pairwise(self._places)):
             gap, back = other.attachment - one.attachment, self.back[k + 1] - self.back[k]
             # |gap + (1 - share) back| = EASY (end - begin)
-            a, b = back @ back, gap @ back
-            c = gap @ gap - (EASY * (end - begin)) ** 2
+            a, b = (back * back).sum(), (gap * back).sum()
+            c = (gap * gap).sum() - (EASY * (end - begin)) ** 2
             if c < 0.0:
                 share = min(share, 1.0 - float((np.sqrt(b * b - a * c) - b) / a))
         return share
@@ -497,7 +498,7 @@ class _Way:
         if len(self._places) == 1:
             choices = choices[2:1:-1] + choices[1:2]
         for choice in choices:
-            size = float(np.linalg.norm(choice))
+            size = math.hypot(*choice)
             if size > 1e-6 * length:
                 return np.asarray(choice / size)
         return choices[-1]
@@ -507,13 +508,13 @@ class _Way:
         in the plane of the motion, or in the vertical one.
         """
         axis = np.cross(direction, tangent)
-        angle = float(np.arctan2(np.linalg.norm(axis), direction @ tangent))
-        if np.linalg.norm(axis) < 1e-9:
+        angle = math.atan2(math.hypot(*axis), (direction * tangent).sum())
+        if math.hypot(*axis) < 1e-9:
             missing = [k for k in range(3) if k not in self._axes]
             axis = np.eye(3)[missing[0]] if missing else np.cross(self._scene.gravity, direction)
-            if np.linalg.norm(axis) < 1e-9:
+            if math.hypot(*axis) < 1e-9:
                 axis = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
-        return np.asarray(axis * (angle / np.linalg.norm(axis)))
+        return np.asarray(axis * (angle / math.hypot(*axis)))
 
 
 def _wants_equilibrium(scene: Scene, geometries: Geometries) -> bool:
@@ -523,7 +524,7 @@ def _wants_equilibrium(scene: Scene, geometries: Geometries) -> bool:
     if scene.initial.shape != "auto":
         return scene.initial.shape == "equilibrium"
     for (begin, one), (end, other) in pairwise(held_places(scene, geometries)):
-        gap = float(np.linalg.norm(other.attachment - one.attachment))
+        gap = math.dist(other.attachment, one.attachment)
         if abs(gap - (end - begin)) > 1e-6 * (end - begin):
             return True
     return False
@@ -613,11 +614,10 @@ def relax_twist(cable: Cable) -> bool:
     model = cable.model
     if not model.twist:
         return False
-    free = ~model.held_mask()[-1]
-    if free.all() and not model.holding.roll_springs:
+    held = model.held_mask()[-1]
+    if not held.any() and not model.holding.roll_springs:
         return False
-    stiffness = mass.dense(model.twisting_stiffness)[np.ix_(free, free)]
-    cable.x[-1][free] += np.linalg.solve(stiffness, cable.forces()[-1][free])
+    cable.x[-1] += mass.solve(model.twisting_stiffness, held, cable.forces()[-1])
     return True
 
 
@@ -657,7 +657,7 @@ def _time_scale(scene: Scene) -> float:
     """1 / hypot of the rates sqrt(g / L) and sqrt(EI / mu) / L^2 [s], at most LONGEST."""
     cable = scene.cable
     bending = np.sqrt(cable.EI / cable.mu) / cable.length**2
-    swinging = np.sqrt(float(np.linalg.norm(scene.gravity)) / cable.length)
+    swinging = np.sqrt(math.hypot(*scene.gravity) / cable.length)
     return 1.0 / max(float(np.hypot(bending, swinging)), 1.0 / LONGEST)
 
 
