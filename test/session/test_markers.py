@@ -123,10 +123,12 @@ def test_a_mesh_holds_the_cable(tmp_path, kept):
 
 
 def test_the_error_estimate_knows_them():
-    session = session_of(**{"accuracy.estimate": "on"})
+    """With air so thick that bounces do not multiply rounding errors: 1.2 mm. A finer run
+    without the plate falls 0.36 m."""
+    session = session_of(**{"accuracy.estimate": "on", "damping.mass": 20.0})
     run(session, drawn(0.0, 0.8, 0.1), 0.8)
     values = dict(cdr.decode_diagnostic_array(session.diagnostics(T0 + SECOND))[1][0].values)
-    assert 0.0 < float(values["error estimate [m]"]) < 1e-2  # of the bounces; without, it falls 2 m
+    assert 0.0 < float(values["error estimate [m]"]) < 5e-3
     assert float(values["contact force [N]"]) == pytest.approx(weight(session), rel=0.2)
 
 
