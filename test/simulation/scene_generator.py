@@ -5,6 +5,7 @@ else is drawn over ranges that no single application spans. Only methods that ar
 damping drawn are drawn. `random_scenes` runs the scenes and judges what came out.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -76,7 +77,7 @@ def log_uniform(rng: Rng, low: float, high: float) -> float:
 def direction(rng: Rng) -> np.ndarray:
     """A random unit vector."""
     v = rng.standard_normal(3)
-    return v / np.linalg.norm(v)
+    return v / math.hypot(*v)
 
 
 def weight(values: Values) -> float:
