@@ -274,6 +274,6 @@ def test_explicit_steps_come_to_rest_on_a_rough_table(method):
     for _ in range(20):
         assert sim.advance(0.01).status.ok
         lost.append(float(sim.cable.account.dissipated))
-    assert np.diff(lost).min() > -1e-12 * max(lost)
+    assert np.diff(lost).min() > -1e-12 * weight(sim)  # work of the weight over 1e-12 m
     assert max(lost) > 1e-6
     assert sim.energy().kinetic < 1e-9
