@@ -67,12 +67,13 @@ def angle_at(sim, share):
 @pytest.mark.parametrize("method", ["energy_momentum", "velocity_verlet"])
 def test_a_shaft_turned_in_its_middle_holds_against_both_ends(method, twist):
     """GJ phi / u from one end, GJ phi / (L - u) from the other, and the grasp bears both: 3 % more,
-    as the spline has no kink in its twist."""
+    as the spline has no kink in its twist. Both parts coil where GJ phi = 8.99 EI (clamped ends),
+    the soft shaft at 1.28 rad."""
     sim = held(method, terms__twist=twist)
-    roll(sim, "hand", 2.0)
+    roll(sim, "hand", 1.0)
     assert sim.advance(6.0).status.ok
     stiffness = sim.scene.cable.GJ
-    left, right = 2.0 * stiffness / AT, 2.0 * stiffness / (LENGTH - AT)
+    left, right = stiffness / AT, stiffness / (LENGTH - AT)
     found = {name: sim.reaction(name)[1] for name in ("start", "hand", "end")}
     assert sum(found.values()) == pytest.approx(np.zeros(3), abs=1e-4 * left)
     assert found["start"] == pytest.approx([-left, 0.0, 0.0], rel=0.035)
