@@ -73,7 +73,7 @@ STRETCHING, BENDING, TWISTING, TORSIONAL, PLASTIC, WEIGHT, SPRING, TOUCHING = ra
 
 # Where the factors of the last Newton matrix are: in `state.matrix`, or elsewhere for one step.
 IN_STATE, IN_SKYLINE, IN_ROLLING_BAND = range(3)
-OK, DIVERGED, NOT_CONVERGED, PASSED = 0, 1, 2, 3  # outcome of an advance
+OK, DIVERGED, NOT_CONVERGED = 0, 1, 2  # outcome of an advance
 
 
 class Mesh(Group):
@@ -198,13 +198,14 @@ class Contact(Group):
     reach = Reals("obstacles")  # by which the core is grown [m]
     middle = Reals("obstacles")  # depth near its middle [m]
     extent = Reals("obstacles")  # of the core from its centre, that a rotation moves [m]
-    law = Reals("obstacles", 5)  # `contact.STIFFNESS` to FRICTION
+    law = Reals("obstacles", 3)  # `contact.STIFFNESS` to FRICTION
     field = Reals("obstacles", 10)  # of meshes (`distance_field.ORIGIN` to HIGH)
     field_shape = Wholes("obstacles", 4)  # points of its grid by axis, first of its values
     field_values = Reals("field_values")  # coefficients of the splines of all meshes [m]
     still = Reals(3)  # centre of the lines: the constant coordinate of planar motion [m]
-    density = Number()  # mass per length that a kick of friction moves [kg/m]
+    density = Number()  # mass per length [kg/m]
     radius = Number()  # of the cable [m]
+    restitution = Number()
     least_margin = Number()  # of the broad phase [m]
 
 
@@ -215,7 +216,7 @@ class Chain(Group):
     basis = Lanes("chain_blocks", "corners", 4)  # basis functions at the corners of a span
     arc = Reals("chain_spans")  # material coordinate where a span begins [m]
     length = Reals("chain_spans")  # of a segment [m], 0 of void spans
-    law = Reals(5)  # `contact.STIFFNESS` to FRICTION
+    law = Reals(5)  # `self_contact.STIFFNESS` to FRICTION
     diameter = Number()  # [m]
     apart = Number()  # along the cable, at which segments may touch [m]
 
@@ -280,7 +281,6 @@ class State(Group):
         "contact_way",  # by how much cable and obstacles moved since [m]
         "contact_carried",  # by how much obstacles move in this step [m]
         "extrapolated_share",  # of the second difference that `implicit.predict` extrapolates
-        "contact_moved",  # cable and obstacles in the last explicit step [m]
         "contact_deep",  # samples and steps near the middle of an obstacle
         "pairs",  # of segments that may touch in a step (`self_contact`)
         "pairs_lost",  # for which there was no room in accepted steps
@@ -377,6 +377,7 @@ class Work(Group):
     border_spare = Reals("unknowns")
     border_value = Reals("bordered")
     trial = Lanes("obstacles", "groups", 3)  # bristles at the end of the step
+    stops = Lanes("obstacles", "groups", 4)  # `contact.begin_stops`
     looked = Reals(13, groups.LANES)  # distances, then places (`engine.distance_field`)
     measured = Lanes("obstacles", "groups", 2, 17)  # where samples are (`contact.measure`)
     measured_known = Reals("obstacles", "groups", 2)  # `contact.UNKNOWN` to OF_STEP

@@ -151,7 +151,7 @@ def stiffness(address):
     clear_band(band)
     discrete_jacobian(cable, x, x, 0.0, 2.0, band)
     if cable.terms & CONTACT:
-        contact.add_tangent(cable, 0.0, NO, x, x, 2.0, band)
+        contact.add_tangent(cable, NO, x, x, 2.0, band)
     add_springs(cable, 1.0, band)
     slide_tangent(cable, NO, x, x, 2.0, band)
 

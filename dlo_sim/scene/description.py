@@ -288,8 +288,10 @@ class Contact:
         stiffness: Contact force per unit length and penetration depth; 0 = chosen so that under
             earth gravity a cable penetrates a plane by a thousandth of its diameter, and another
             obstacle that all of it hangs over by at most a hundredth.
-        damping: Share of critical damping of what touches: 0 = it bounces; auto (-1) = 0.3, or 0
-            with methods that cannot dissipate in contact (rattle, energy_momentum_4).
+        restitution: Speed at which the cable leaves an obstacle that it hits, in the speed at which
+            it came: 0 = it lies where it lands, 1 = it bounces without loss; the same at every
+            step.
+        damping: Share of critical damping where the cable touches itself: 0 = it bounces.
         friction: Coefficient of friction of the cable on itself, and on obstacles that have none of
             their own.
         markers: Largest number of obstacles that markers on ~/obstacles add while the node runs;
@@ -298,7 +300,8 @@ class Contact:
 
     self: str = parameter("auto", choices=SWITCH)
     stiffness: float = parameter(0.0, "N/m^2", (0.0, 1.0e12))
-    damping: float = parameter(-1.0, "", (0.0, 10.0), auto=-1.0)
+    restitution: float = parameter(0.0, "", (0.0, 1.0))
+    damping: float = parameter(0.3, "", (0.0, 10.0))
     friction: float = parameter(0.0, "", (0.0, 100.0))
     markers: int = parameter(0, "", (0, 1000), read_only=True)
 
@@ -1007,6 +1010,11 @@ class Scene:
         """Whether there are obstacles that the cable touches, or may come."""
         return bool(self.bodies or self.contact.markers) and self.terms.contact != "off"
 
+    @property
+    def touched(self) -> str:
+        """The first obstacle that the cable touches, in words."""
+        return f"obstacle {self.bodies[0].name}" if self.bodies else "contact.markers"
+
     @cached_property
     def moved(self) -> dict[str, Holder | Obstacle]:
         """What poses move, by name."""
@@ -1253,7 +1261,6 @@ def _of_damping(
 
 
 _GROWING = ", since its negative sub-steps make damping grow"
-_BOUNCING = ", since its steps cannot dissipate in contact"
 RESTRICTIONS = (
     Restriction(EXPLICIT, "terms.twist", _of_twist("frenet"), off="auto"),
     Restriction(IMPLICIT, "terms.twist", _of_twist("quasistatic"), off="bishop"),
@@ -1297,16 +1304,11 @@ RESTRICTIONS = (
         lambda scene: scene.plasticity.yield_curvature if scene.is_plastic else 0.0,
     ),
     Restriction(
-        LOSSY,
-        "friction",
-        lambda scene: f"of obstacle {scene.rubbing[0]}" if scene.rubbing else "",
-        why=_BOUNCING,
-    ),
-    Restriction(
-        LOSSY,
-        "contact.damping",
-        lambda scene: max(scene.contact.damping, 0.0) if scene.touches else 0.0,
-        why=_BOUNCING,
+        FORWARD,
+        "terms.contact",
+        lambda scene: f"{scene.terms.contact} ({scene.touched})" if scene.touches else "",
+        off="off",
+        why=", since its steps cannot land",
     ),
     Restriction(
         FORWARD,
@@ -1314,13 +1316,6 @@ RESTRICTIONS = (
         lambda scene: next((f"of grasp {one.name}" for one in scene.grasps if one.slides), ""),
         off="false",
         why=", since its steps cannot let the cable slide",
-    ),
-    Restriction(
-        FORWARD,
-        "contact.markers",
-        lambda scene: scene.contact.markers,
-        off="0",
-        why=", since obstacles that come later may be stiffer than its steps allow",
     ),
     Restriction(
         (*IMPLICIT, *EXPLICIT),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.compiling.lanes import LANES
-from dlo_sim.core import bspline, mass, quadrature, rotations, spectrum
+from dlo_sim.core import bspline, quadrature, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import contact
 from dlo_sim.engine.arrays import (
@@ -19,15 +19,13 @@ from dlo_sim.engine.arrays import (
     MARGIN,
     MESHED,
     MOTION_SIZE,
-    ROLLING,
     ROUND,
     TUBED,
     CableArrays,
 )
 from dlo_sim.engine.arrays import Contact as ContactArrays
 from dlo_sim.engine.grasps import DURATION, FRAME, POSITION, START, TURN
-from dlo_sim.scene.description import EARTH, LOSSY, Obstacle, Scene
-from dlo_sim.scene.needs import inextensible
+from dlo_sim.scene.description import EARTH, Obstacle, Scene
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.arrays import COARSE, to_blocks
 from dlo_sim.simulation.cable import Cable
@@ -48,15 +46,13 @@ HUNG_DEPTH = 0.01
 # Penetration by the mass on a body alone of a cable thrown at inputs.max_speed, in half the
 # thickness of the body. What flies on beside a small body pulls it in more than twice as deep.
 THROWN_DEPTH = 0.2
+STIFF = 100.0  # of contact
 TAUT = 1e-3  # strain of what is pulled as usual
 TOO_DEEP = 0.1  # penetration in diameters above which a warning reports it
 # Of half the thickness of a body: so deep is near its middle. Samples a reach apart can cross a
 # thin body no deeper than half of it.
 MIDDLE = 0.6
-DAMPED = 0.3  # share of critical damping of contact, if the scene gives none
-# Bristles as stiff as the surface: a sliding cable is bent aside by mu times its penetration. Their
-# damping, in sqrt(k_t mu): with less, a cable that is pulled suddenly slips before it sticks.
-BRISTLES, BRISTLE_DAMPED = 1.0, 8.0
+BRISTLES = 0.1  # stiffness of bristles, in that of the surface
 
 
 GUIDES = "ring", "channel"  # shapes that a cable goes through
@@ -200,9 +196,16 @@ def stiffness(scene: Scene, obstacle: Obstacle) -> float:
     sharp as it is thick, and a throw does not press it through.
     """
     plane = scene.contact_stiffness
-    if scene.contact.stiffness or obstacle.shape == "plane":
-        return plane
     cable = scene.cable
+    if scene.contact.stiffness:
+        return plane
+    span = cable.length / (scene.discretization.control_points - bspline.DEGREE)
+    flat = obstacle.shape == "plane"
+    apart = span / (PLANE_SAMPLES if flat else LANES * pieces_of(scene))
+    own = max(cable.EA / cable.length, cable.EI / span**3)
+    plane = max(plane, STIFF * own / (0.5 * apart))
+    if flat:
+        return plane
     _, half, reach = core_of(obstacle, 0.5 * cable.diameter)
     pulled = max(cable.mu * EARTH * cable.length, declared_tension(scene))
     hung = pulled / (0.5 * cable.diameter * HUNG_DEPTH * cable.diameter)
@@ -221,27 +224,11 @@ def declared_tension(scene: Scene) -> float:
     return float(pulls + scene.cable.EA * stretch)
 
 
-def rests_damped(scene: Scene) -> bool:
-    """Whether the method of the scene can dissipate in contact (`description.RESTRICTIONS`)."""
-    return not inextensible(scene) and scene.integrator.method in ("auto", *LOSSY)
-
-
 def law(scene: Scene, k: float, friction: float) -> tuple[float, ...]:
-    """The law of contact (`engine.contact`) with this stiffness k [N/m^2] and friction: k, c, k_t,
-    c_t and mu.
+    """The law of contact (`engine.contact`) with this stiffness k [N/m^2] and friction: k, k_t and
+    mu.
     """
-    mu = scene.cable.mu
-    share = scene.contact.damping
-    if share < 0.0:
-        share = DAMPED if rests_damped(scene) else 0.0
-    tangential = BRISTLES * k
-    return (
-        k,
-        2.0 * share * math.sqrt(k * mu),
-        tangential,
-        BRISTLE_DAMPED * math.sqrt(tangential * mu),
-        friction,
-    )
+    return k, BRISTLES * k, friction
 
 
 def at_rest(scene: Scene, origin: Array) -> Array:
@@ -537,10 +524,9 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
     group.count = len(group.core)
     group.pieces, group.coarse = pieces_of(scene), COARSE * arrays.blocks
     group.still[:] = still
-    group.density, group.least_margin = scene.cable.mu, scene.cable.diameter
+    group.density, group.restitution = scene.cable.mu, scene.contact.restitution
+    group.least_margin = scene.cable.diameter
     group.radius = radius
-    if arrays.terms & ROLLING:  # a sample off the axis is easier to move
-        group.density /= 1.0 + scene.cable.mu * radius**2 / scene.cable.polar_inertia
     write_samples(group, *samples_by_span(knots, group.pieces))
     for k, obstacle in enumerate(scene.bodies[: group.count]):
         core = core_of(obstacle, radius)
@@ -568,21 +554,6 @@ def field_values(scene: Scene) -> int:
     radius = 0.5 * scene.cable.diameter
     meshes = [obstacle for obstacle in scene.bodies if obstacle.shape == "mesh"]
     return sum(field_of(obstacle, radius).values.size for obstacle in meshes)
-
-
-def largest_frequency(model: Model) -> float:
-    """Largest frequency [rad/s] of the mass of the cable on its samples, if all of it touched and
-    nothing else held it: sqrt(k / mu), and more at the ends, where a sample is more than its share
-    of an integral.
-    """
-    group, free = model.arrays.contact, np.ones(model.n, dtype=bool)
-    largest = 0.0
-    for core, law in zip(group.core, group.law, strict=True):
-        flat = core == contact.HALF_SPACE
-        rule = rule_of(tuple(model.knots.tolist()), 0 if flat else group.pieces)
-        pressed = law[contact.STIFFNESS] * mass.gram(model.knots, rule=rule)
-        largest = max(largest, spectrum.largest_of_line(pressed, model.mass(0), free))
-    return largest
 
 
 @lru_cache(maxsize=16)

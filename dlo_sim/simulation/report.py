@@ -28,10 +28,6 @@ class Status(Enum):
         "Newton's method did not converge even with small steps, or would take too long; use a "
         "smaller integrator.step; the last good state is kept"
     )
-    PASSED = (
-        "a step may have carried the cable through an obstacle, even in small parts; use a smaller "
-        "integrator.step or energy_momentum; the last good state is kept"
-    )
     INTERRUPTED = "ended from outside"
     UNRESOLVED = "advanced as asked, but the stretch of the cable is not what its tension explains"
 

@@ -238,7 +238,7 @@ def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
     stiffest = max(waves, key=lambda name: waves[name])
     stiff = f"stiff in {stiffest}: an explicit step would have to be below {limit:.2g} s"
     second, fourth = METHODS["energy_momentum"], METHODS["energy_momentum_4"]
-    composable = not scene.touches and all(fourth.name in one.methods for one in asked)
+    composable = all(fourth.name in one.methods for one in asked)
     if composable and _cost(scene, fourth) < WORTH_COMPOSING * _cost(scene, second):
         return fourth.name, f"{stiff}; accuracy.target {scene.accuracy.target:g} m wants order 4"
     return second.name, stiff

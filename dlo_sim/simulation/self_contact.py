@@ -12,20 +12,23 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
 from dlo_sim.engine.arrays import SELF, CableArrays
-from dlo_sim.engine.contact import RETURN, STIFFNESS
-from dlo_sim.engine.self_contact import LONGEST
+from dlo_sim.engine.contact import RETURN
+from dlo_sim.engine.self_contact import LONGEST, STIFFNESS
 from dlo_sim.scene.description import EARTH, Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.obstacles import Contact, law, values_of_spans
+from dlo_sim.simulation.obstacles import Contact, values_of_spans
 
 Array = NDArray[np.float64]
 SEGMENT = 0.5  # length of a segment in diameters, of the longest span
 # Penetration by the weight of the whole cable on one segment, in diameters: less than into
 # obstacles, since the Newton matrix, which contains the couplings, makes stiff contact no dearer.
 HUNG_DEPTH = 0.0025
+# Damping of bristles, which are as stiff as the surface, in sqrt(k_t mu): with less, a strand that is
+# pulled suddenly slips before it sticks.
+BRISTLE_DAMPED = 8.0
 THROWN_DEPTH = 0.4  # penetration of a cable thrown at inputs.max_speed, in diameters
 MOST_SEGMENTS = 16  # of a span
 APART = 1.6  # along the cable, in diameters: half the smallest ring that a round cable can form
@@ -59,8 +62,9 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array) -> None:
     chain.basis[:] = to_blocks(values_of_spans(knots, xi))
     chain.arc[: len(lengths)], chain.length[: len(lengths)] = ends[:-1], lengths / count
     chain.diameter, chain.apart = diameter, APART * diameter
-    k = stiffness(scene, float(lengths.max()) / count)
-    chain.law[:] = law(scene, k, scene.contact.friction)
+    k, mu = stiffness(scene, float(lengths.max()) / count), scene.cable.mu
+    damping = 2.0 * scene.contact.damping * math.sqrt(k * mu)
+    chain.law[:] = k, damping, k, BRISTLE_DAMPED * math.sqrt(k * mu), scene.contact.friction
 
 
 # -- how near it comes to itself -----------------------------------------------------------------
