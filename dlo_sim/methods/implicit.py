@@ -877,7 +877,14 @@ def try_step(cable, method, t0, tau, whole, level):
         if converged or iterations == MAX_ITERATIONS:
             break
         iterations += 1
-        changed = known > 0 and work.results.touched != touched and iterations <= UNSHORTENED
+        changed = known > 0 and work.results.touched != touched and iterations <= 3 * UNSHORTENED
+        if changed and iterations > UNSHORTENED and share == 1.0:
+            add_correction(cable, known - 1, -0.5)
+            share = 0.5
+            iterations -= 1
+            linearize = True
+            touched = -1.0
+            continue
         linearize = linearize or changed
         if known > 0 and not changed:
             along = dot(work.residual, work.corrections[known - 1])

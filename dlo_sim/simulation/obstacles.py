@@ -40,13 +40,13 @@ MOST_PIECES = 4  # groups of LANES samples of a knot span, that bodies touch
 ACROSS, AROUND = 14, 24  # points of a drawn ring, across its wire and around it
 PASSES, BISECTIONS = 8, 30  # looks at a knot span for a passage, and at a passage
 APART = 1.0  # distance of samples in reaches of the smallest obstacle
-# Penetration by the weight of the whole cable hung over an obstacle, in diameters. Planes, on
-# which only its own weight lies, have `description.DEPTH`.
-HUNG_DEPTH = 0.01
+DEPTH = 1e-3  # penetration of a cable into an obstacle under its weight on earth, in diameters
+PULLED_DEPTH = 0.02  # of a cable that is drawn round an obstacle
+TIP = 40.0  # stiffness of contact at the tip, in that of the cable along itself
+USUAL = 0.2, 50.0, 2e-3  # tension as usual: largest strain, force [N], least strain
 # Penetration by the mass on a body alone of a cable thrown at inputs.max_speed, in half the
 # thickness of the body. What flies on beside a small body pulls it in more than twice as deep.
 THROWN_DEPTH = 0.2
-STIFF = 100.0  # of contact
 TAUT = 1e-3  # strain of what is pulled as usual
 TOO_DEEP = 0.1  # penetration in diameters above which a warning reports it
 # Of half the thickness of a body: so deep is near its middle. Samples a reach apart can cross a
@@ -191,26 +191,36 @@ def check_outside(obstacle: Obstacle, diameter: float, u: Array, line: Array) ->
 
 
 def stiffness(scene: Scene, obstacle: Obstacle) -> float:
-    """Contact force per length of cable and penetration [N/m^2]: as given, or such that neither its
-    weight nor the tension that follows from the scene presses the cable in far, over an edge as
-    sharp as it is thick, and a throw does not press it through.
+    """Contact force per length of cable and penetration [N/m^2]: as given, or the largest of
+        mu g / (DEPTH D): its weight on earth presses the cable in by DEPTH diameters;
+        T / (R PULLED_DEPTH D): the tension T that follows from the scene or is usual does so by
+            PULLED_DEPTH diameters, round an edge or a body with the radius R;
+        TIP EA / (L w): the tip, of which the samples at the end have the length w, gives way by
+            1 / TIP of what the cable gives way along itself;
+        mu (v / (THROWN_DEPTH h))^2: a cable thrown at v = inputs.max_speed is not pressed through a
+            body of half thickness h.
     """
-    plane = scene.contact_stiffness
-    cable = scene.cable
+    cable, radius = scene.cable, 0.5 * scene.cable.diameter
     if scene.contact.stiffness:
-        return plane
-    span = cable.length / (scene.discretization.control_points - bspline.DEGREE)
-    flat = obstacle.shape == "plane"
-    apart = span / (PLANE_SAMPLES if flat else LANES * pieces_of(scene))
-    own = max(cable.EA / cable.length, cable.EI / span**3)
-    plane = max(plane, STIFF * own / (0.5 * apart))
-    if flat:
-        return plane
-    _, half, reach = core_of(obstacle, 0.5 * cable.diameter)
-    pulled = max(cable.mu * EARTH * cable.length, declared_tension(scene))
-    hung = pulled / (0.5 * cable.diameter * HUNG_DEPTH * cable.diameter)
+        return scene.contact.stiffness
+    spans = scene.discretization.control_points - bspline.DEGREE
+    apart = cable.length / spans / (LANES * pieces_of(scene))
+    laid = cable.mu * EARTH / (DEPTH * cable.diameter)
+    pushed = TIP * cable.EA / (cable.length * (0.5 * apart + radius))
+    if obstacle.shape == "plane":
+        return max(laid, pushed)
+    _, half, reach = core_of(obstacle, radius)
+    pulled = max(cable.mu * EARTH * cable.length, declared_tension(scene), usual_tension(scene))
+    bend = max(bend_radius(scene, obstacle), cable.diameter)
+    drawn = pulled / (bend * PULLED_DEPTH * cable.diameter)
     thrown = cable.mu * (scene.inputs.max_speed / (THROWN_DEPTH * (min(half) + reach))) ** 2
-    return max(plane, hung, thrown)
+    return max(laid, pushed, drawn, thrown)
+
+
+def usual_tension(scene: Scene) -> float:
+    """Tension [N] with which grippers draw a cable as usual, for which contact is stiff enough."""
+    most, force, least = USUAL
+    return min(most * scene.cable.EA, max(force, least * scene.cable.EA))
 
 
 def declared_tension(scene: Scene) -> float:
@@ -328,7 +338,7 @@ def contact_with(
     coarse, fine = by_span(rows.reshape(-1, LANES, 4), group.coarse, model.n - bspline.DEGREE)
     flat = group.core[number] == contact.HALF_SPACE
     samples = coarse if flat else fine
-    rule = rule_of(tuple(model.knots.tolist()), 0 if flat else group.pieces)
+    rule = rule_of(tuple(model.knots.tolist()), 0 if flat else group.pieces, group.radius)
     there = rule.weights != 0.0
     found, u = samples[there], rule.places(bspline.breaks(model.knots))[there]
     touches = np.any(found[:, 1:] != 0.0, axis=1)
@@ -527,7 +537,7 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
     group.density, group.restitution = scene.cable.mu, scene.contact.restitution
     group.least_margin = scene.cable.diameter
     group.radius = radius
-    write_samples(group, *samples_by_span(knots, group.pieces))
+    write_samples(group, *samples_by_span(knots, group.pieces, radius))
     for k, obstacle in enumerate(scene.bodies[: group.count]):
         core = core_of(obstacle, radius)
         flat = core.kind == contact.HALF_SPACE
@@ -557,11 +567,16 @@ def field_values(scene: Scene) -> int:
 
 
 @lru_cache(maxsize=16)
-def rule_of(knots: tuple[float, ...], pieces: int) -> quadrature.Quadrature:
-    """`plane_rule` if there are no pieces, else `body_rule`; kept, as a report needs it for each
-    obstacle, and a search for weights takes a tenth of a millisecond.
+def rule_of(knots: tuple[float, ...], pieces: int, radius: float) -> quadrature.Quadrature:
+    """`plane_rule` if there are no pieces, else `body_rule`, with the round tips of a cable of this
+    radius [m], which reach so far beyond its ends; kept, as a report needs it for each obstacle,
+    and a search for weights takes a tenth of a millisecond.
     """
-    return body_rule(np.array(knots), pieces) if pieces else plane_rule(np.array(knots))
+    rule = body_rule(np.array(knots), pieces) if pieces else plane_rule(np.array(knots))
+    weights = rule.weights.copy()
+    for tip in (0, -1):
+        weights.flat[tip] += radius
+    return quadrature.Quadrature(rule.xi, weights)
 
 
 def plane_rule(knots: Array) -> quadrature.Quadrature:
@@ -607,11 +622,11 @@ def trapezoidal(knots: Array, xi: Array, there: NDArray[np.bool_]) -> quadrature
     return quadrature.Quadrature(xi, weights)
 
 
-def samples_by_span(knots: Array, pieces: int) -> tuple[Array, Array]:
+def samples_by_span(knots: Array, pieces: int, radius: float) -> tuple[Array, Array]:
     """Basis functions, weights, and derivatives of the basis functions by the local coordinate,
     shape (spans, samples, 9), of samples that touch planes, and of those that touch bodies.
     """
-    rules = (rule_of(tuple(knots.tolist()), count) for count in (0, pieces))
+    rules = (rule_of(tuple(knots.tolist()), count, radius) for count in (0, pieces))
     coarse, fine = (
         np.concatenate(
             [

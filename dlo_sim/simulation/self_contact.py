@@ -26,8 +26,8 @@ SEGMENT = 0.5  # length of a segment in diameters, of the longest span
 # Penetration by the weight of the whole cable on one segment, in diameters: less than into
 # obstacles, since the Newton matrix, which contains the couplings, makes stiff contact no dearer.
 HUNG_DEPTH = 0.0025
-# Damping of bristles, which are as stiff as the surface, in sqrt(k_t mu): with less, a strand that is
-# pulled suddenly slips before it sticks.
+# Damping of bristles, which are as stiff as the surface, in sqrt(k_t mu): with less, a strand that
+# is pulled suddenly slips before it sticks.
 BRISTLE_DAMPED = 8.0
 THROWN_DEPTH = 0.4  # penetration of a cable thrown at inputs.max_speed, in diameters
 MOST_SEGMENTS = 16  # of a span
