@@ -377,7 +377,7 @@ class Work(Group):
     border_spare = Reals("unknowns")
     border_value = Reals("bordered")
     trial = Lanes("obstacles", "groups", 3)  # bristles at the end of the step
-    stops = Lanes("obstacles", "groups", 4)  # `contact.begin_stops`
+    stops = Lanes("obstacles", "groups", 5)  # `contact.begin_stops`
     looked = Reals(13, groups.LANES)  # distances, then places (`engine.distance_field`)
     measured = Lanes("obstacles", "groups", 2, 17)  # where samples are (`contact.measure`)
     measured_known = Reals("obstacles", "groups", 2)  # `contact.UNKNOWN` to OF_STEP

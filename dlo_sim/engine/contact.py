@@ -1024,8 +1024,8 @@ def after_contact(cable, o, g, tau, v):
 @piece((float64, float64), CABLE, float64, LINES, terms=CONTACT)
 def begin_stops(cable, tau, v):
     """Energy [J] of velocities that contact changes at the end of a step, and of its impulses in
-    it; sets `work.stops`, whether friction holds a sample (1 or 0) and its impulse where it slides,
-    less that of the step (3).
+    it; sets `work.stops`, whether friction holds a sample (1 or 0), its impulse where it slides,
+    less that of the step (3), and what is known of the impulse of the pressure, less that.
     """
     contact, open_, spent = cable.contact, zero(), zero()
     for o in range(contact.count):
@@ -1041,7 +1041,7 @@ def begin_stops(cable, tau, v):
             open_ += contact.weight[g] * lacking
             spent += contact.weight[g] * p * p
             stops = cable.work.stops[o, g]
-            stops[0], stops[1], stops[2], stops[3] = holds, zero(), zero(), zero()
+            stops[0], stops[1], stops[2], stops[3], stops[4] = holds, zero(), zero(), zero(), zero()
     return 0.5 * contact.density * lane_sum(open_), 0.5 / contact.density * lane_sum(spent)
 
 
@@ -1063,7 +1063,7 @@ def add_stops(cable, tau, v, push, band):
             f = combined(1.0, three(stops, 1), -stiff * stops[0], across)
             if cable.terms & ROLLING:
                 push_line(cable, g, cable.dim, -w * dot(lever, f), push)
-            f = combined(1.0, f, where(p, -stiff * excess, 0.0), n)
+            f = combined(1.0, f, where(p, stops[4] - stiff * excess, 0.0), n)
             push_samples(cable, g, scaled(w, to_lines(pose, END, f)), push)
             hold = stiff * stops[0]
             m = scaled(where(p, stiff, 0.0) - hold, n)
@@ -1074,10 +1074,10 @@ def add_stops(cable, tau, v, push, band):
             add_block(cable, block, band)
 
 
-@piece((boolean, float64), CABLE, float64, LINES, terms=CONTACT)
-def look_at_stops(cable, tau, v):
-    """Whether friction holds and slides as `add_stops` had it with the velocities v after it, else
-    `work.stops` is set anew; and the work of the obstacles [J].
+@piece((boolean, float64), CABLE, float64, LINES, boolean, terms=CONTACT)
+def look_at_stops(cable, tau, v, last):
+    """Whether friction holds and slides as `add_stops` had it, with the velocities v after it, and
+    the work of the obstacles [J]. If not, and not at the `last` time, `work.stops` is set anew.
     """
     contact, stiff = cable.contact, STOP * cable.contact.density
     worked, wrong = zero(), zero()
@@ -1088,13 +1088,16 @@ def look_at_stops(cable, tau, v):
             if not is_pressed(cable, o, g):
                 continue
             n, p, rubbed, u, excess, _, carried = after_contact(cable, o, g, tau, v)
-            stops = cable.work.stops[o, g]
-            push = where(p, -stiff * excess, 0.0)
+            stops, w = cable.work.stops[o, g], contact.weight[g]
+            push = where(p, stops[4] - stiff * excess, 0.0)
             across = combined(1.0, u, -dot(n, u), n)
             f = combined(1.0, three(stops, 1), -stiff * stops[0], across)
-            worked += contact.weight[g] * dot(
-                to_lines(pose, END, combined(1.0, f, push, n)), carried
-            )
+            worked += w * dot(to_lines(pose, END, combined(1.0, f, push, n)), carried)
+            if contact.restitution > 0.0:
+                # The penalty leaves a share of 1 / STOP, which counts where it should bounce.
+                wrong += where(w, where(fabs(excess) * stiff - SAME * fabs(push), 1.0, 0.0), 0.0)
+            if not last:
+                stops[4] = push if contact.restitution > 0.0 else stops[4]
             if friction_ == 0.0:
                 continue
             limit = friction_ * where(p + push, p + push, 0.0)
@@ -1109,10 +1112,10 @@ def look_at_stops(cable, tau, v):
             off = combined(1.0, slid, -1.0, three(stops, 1))
             slides = (1.0 - stops[0]) * (1.0 - sticks) * where(p, 1.0, 0.0)
             apart = where(dot(off, off) - SAME * SAME * (limit * limit + p * p), slides, 0.0)
-            wrong += where(contact.weight[g], slips + sticks + apart, 0.0)
-            moves_ = slips + slides
-            stops[0] = stops[0] * (1.0 - slips) + sticks
-            stops[1], stops[2], stops[3] = scaled(moves_, slid)
+            wrong += where(w, slips + sticks + apart, 0.0)
+            if not last:
+                stops[0] = stops[0] * (1.0 - slips) + sticks
+                stops[1], stops[2], stops[3] = scaled(slips + slides, slid)
     return lane_sum(wrong) == 0.0, lane_sum(worked)
 
 
@@ -1251,7 +1254,7 @@ def look(cable, x0, x1, spare):
 @piece(boolean, CABLE, LINES, terms=CONTACT)
 def accept(cable, change):
     """Account for the contact in an implicit step by this change that converged, at whose end
-    `look` has looked, and keep its bristles.
+    `look` has looked.
 
     Returns whether the step may stand: nothing passed through an obstacle, and all that came near
     one was looked at.
@@ -1267,7 +1270,6 @@ def accept(cable, change):
     balance.contact_deep += results.contact_deep
     balance.drive_work += results.contact_work
     balance.dissipated += results.contact_loss
-    keep_bristles(cable)
     return True
 
 

@@ -127,7 +127,7 @@ from dlo_sim.methods.twist_step import end_twist, step_twist, twist_matrix
 
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_HALVINGS = 12
-UNSHORTENED = 5
+WHOLE, HALVED = 5, 15  # iterations up to which a change of what touches is taken whole, or halved
 CAREFUL_HALVINGS = 4  # of a step that folds the cable over; after these the fold is accepted
 SLOW = 0.02  # ratio of successive correction energies above which the matrix is renewed
 STALLED = 0.2  # the same above which a correction counts as stalled
@@ -669,11 +669,11 @@ def stop_contacts(cable, t, tau):
     copy(state.w, before)
     add_velocity_of_held(cable, state.x, t, before)
     found = contact.begin_stops(cable, tau, before)
-    if found[0] <= max(STOPPED * found[1], state.balance.floor):
+    if found[0] <= STOPPED * found[1]:
         return 0.0
     band, directions = work.band, state.direction
     worked = 0.0
-    for _ in range(MOST_STOPS):
+    for attempt in range(MOST_STOPS):
         clear(push)
         clear_band(band)
         contact.add_stops(cable, tau, before, push, band)
@@ -706,7 +706,7 @@ def stop_contacts(cable, t, tau):
         for d in range(dim):
             for i in range(cable.n):
                 v[d, MARGIN + i] += work.step[i * dim + d]
-        settled, worked = contact.look_at_stops(cable, tau, v)
+        settled, worked = contact.look_at_stops(cable, tau, v, attempt + 1 == MOST_STOPS)
         if settled:
             break
     lost = kinetic(cable, before) - kinetic(cable, v) + worked
@@ -877,13 +877,14 @@ def try_step(cable, method, t0, tau, whole, level):
         if converged or iterations == MAX_ITERATIONS:
             break
         iterations += 1
-        changed = known > 0 and work.results.touched != touched and iterations <= 3 * UNSHORTENED
-        if changed and iterations > UNSHORTENED and share == 1.0:
-            add_correction(cable, known - 1, -0.5)
+        # Where a correction changes what touches or slides, the residual along it says nothing: a wall
+        # that it runs into pushes back at once. Such corrections are taken whole, as in a method of
+        # active sets, and halved where they go round in circles.
+        changed = known > 0 and work.results.touched != touched and iterations <= HALVED
+        if changed and iterations > WHOLE and share == 1.0:
             share = 0.5
-            iterations -= 1
+            add_correction(cable, known - 1, -share)
             linearize = True
-            touched = -1.0
             continue
         linearize = linearize or changed
         if known > 0 and not changed:
@@ -954,6 +955,8 @@ def try_step(cable, method, t0, tau, whole, level):
             self_contact.keep(cable)
         balance.floor = max(balance.floor, floor)
         finish_step(cable, t0, tau, whole, lost)
+        if cable.terms & CONTACT:
+            contact.keep_bristles(cable)
         balance.slip = 0.5  # the energy balance takes the mean with both methods
         flow(cable)
     else:

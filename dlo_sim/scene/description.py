@@ -30,7 +30,6 @@ from dlo_sim.scene.parameter import (
 from dlo_sim.scene.refusal import SceneError, brief, refusal, shown
 
 EARTH = 9.81  # [m/s^2]
-DEPTH = 1e-3  # penetration of a cable into an obstacle under its weight on earth, in diameters
 ORIGIN = (0.0, 0.0, 0.0)
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -914,12 +913,6 @@ class Scene:
         """
         wanted = self.accuracy.estimate
         return wanted == "on" or (wanted == "auto" and self.measured.type == "none")
-
-    @property
-    def contact_stiffness(self) -> float:
-        """Contact force of a plane per length of cable and penetration depth [N/m^2]: as given, or
-        such that the weight on earth leads to the penetration DEPTH."""
-        return self.contact.stiffness or self.cable.mu * EARTH / (DEPTH * self.cable.diameter)
 
     def friction_of(self, one: Obstacle | Grasp) -> float:
         """Coefficient of friction of the cable on an obstacle, or in a grasp that slides."""

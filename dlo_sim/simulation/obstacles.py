@@ -192,13 +192,13 @@ def check_outside(obstacle: Obstacle, diameter: float, u: Array, line: Array) ->
 
 def stiffness(scene: Scene, obstacle: Obstacle) -> float:
     """Contact force per length of cable and penetration [N/m^2]: as given, or the largest of
-        mu g / (DEPTH D): its weight on earth presses the cable in by DEPTH diameters;
-        T / (R PULLED_DEPTH D): the tension T that follows from the scene or is usual does so by
-            PULLED_DEPTH diameters, round an edge or a body with the radius R;
-        TIP EA / (L w): the tip, of which the samples at the end have the length w, gives way by
-            1 / TIP of what the cable gives way along itself;
-        mu (v / (THROWN_DEPTH h))^2: a cable thrown at v = inputs.max_speed is not pressed through a
-            body of half thickness h.
+    mu g / (DEPTH D): its weight on earth presses the cable in by DEPTH diameters;
+    T / (R PULLED_DEPTH D): the tension T that follows from the scene or is usual does so by
+        PULLED_DEPTH diameters, round an edge or a body with the radius R;
+    TIP EA / (L w): the tip, of which the samples at the end have the length w, gives way by
+        1 / TIP of what the cable gives way along itself;
+    mu (v / (THROWN_DEPTH h))^2: a cable thrown at v = inputs.max_speed is not pressed through a
+        body of half thickness h.
     """
     cable, radius = scene.cable, 0.5 * scene.cable.diameter
     if scene.contact.stiffness:
