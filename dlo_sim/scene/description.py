@@ -60,7 +60,8 @@ SWITCH = ("auto", "on", "off")
 
 @dataclass(frozen=True)
 class Cable:
-    """Material and cross-section. Direct values of 0 are derived from moduli, density, diameter.
+    """Material and cross-section. Direct values of 0 are derived from moduli, density, diameter D,
+    and of a hose its bore d.
 
     Parameters:
         length: Rest length L.
@@ -68,14 +69,14 @@ class Cable:
         density: Density rho.
         youngs_modulus: Young's modulus E.
         shear_modulus: Shear modulus G.
-        linear_density: Mass per length mu; 0 = rho pi D^2 / 4. The polar inertia per length is mu
-            D^2 / 8.
-        axial_stiffness: EA; 0 = E pi D^2 / 4, as of a solid section, also if bending_stiffness is
-            given.
-        bending_stiffness: EI; 0 = E pi D^4 / 64, as of a solid section, also if axial_stiffness is
-            given.
-        torsional_stiffness: GJ; 0 = 2 G / E EI, as of an isotropic section (G pi D^4 / 32 if it is
-            solid).
+        linear_density: Mass per length mu; 0 = rho pi (D^2 - d^2) / 4. The polar inertia per length
+            is mu (D^2 + d^2) / 8.
+        axial_stiffness: EA; 0 = E pi (D^2 - d^2) / 4, as of a homogeneous section, also if
+            bending_stiffness is given.
+        bending_stiffness: EI; 0 = E pi (D^4 - d^4) / 64, as of a homogeneous section, also if
+            axial_stiffness is given.
+        torsional_stiffness: GJ; 0 = 2 G / E EI, as of an isotropic section (G pi (D^4 - d^4) / 32
+            if it is homogeneous).
         rest_curvature: Natural curvature at equally spaced points from start to end, interpolated
             linearly; one value = constant.
         rest_curvature_axis: Axis about which the unloaded cable is bent: a unit vector in the frame
@@ -102,6 +103,7 @@ class Cable:
 
     rest_curvature_2: tuple[float, ...] = parameter((0.0,), "1/m", (-1.0e5, 1.0e5))
     rest_twist: tuple[float, ...] = parameter((0.0,), "rad/m", (-1.0e5, 1.0e5))
+    bore: float = 0.0  # hose.bore [m], from `scene_from_values`; no parameter
 
     @property
     def natural_shape(self) -> tuple[tuple[float, ...], ...]:
@@ -115,8 +117,8 @@ class Cable:
 
     @property
     def area(self) -> float:
-        """Cross-sectional area A = pi D^2 / 4 [m^2]."""
-        return math.pi * self.diameter**2 / 4.0
+        """Cross-sectional area A = pi (D^2 - d^2) / 4 [m^2]."""
+        return math.pi * (self.diameter**2 - self.bore**2) / 4.0
 
     @property
     def mu(self) -> float:
@@ -130,8 +132,9 @@ class Cable:
 
     @property
     def EI(self) -> float:
-        """Bending stiffness EI = E pi D^4 / 64 [N m^2], or the value given directly."""
-        return self.bending_stiffness or self.youngs_modulus * math.pi * self.diameter**4 / 64.0
+        """Bending stiffness EI = E pi (D^4 - d^4) / 64 [N m^2], or the value given directly."""
+        moment = math.pi * (self.diameter**4 - self.bore**4) / 64.0
+        return self.bending_stiffness or self.youngs_modulus * moment
 
     @property
     def GJ(self) -> float:
@@ -140,13 +143,19 @@ class Cable:
 
     @property
     def polar_inertia(self) -> float:
-        """Polar inertia per length mu D^2 / 8 [kg m]; equals rho pi D^4 / 32 when mu is derived."""
-        return self.mu * self.diameter**2 / 8.0
+        """Polar inertia per length mu (D^2 + d^2) / 8 [kg m], rho pi (D^4 - d^4) / 32 if mu is
+        derived.
+        """
+        return self.mu * (self.diameter**2 + self.bore**2) / 8.0
 
     @property
     def assumptions(self) -> tuple[str, ...]:
         """One line for each value that is derived although its partner is given: the assumption."""
         lines = []
+        EA, EI, inertia, section = "D^2 / 4", "D^4 / 64", "D^2 / 8", "solid section"
+        if self.bore:
+            EA, EI, section = "(D^2 - d^2) / 4", "(D^4 - d^4) / 64", "hose's section"
+            inertia = "(D^2 + d^2) / 8"
         if self.bending_stiffness and not self.torsional_stiffness:
             lines.append(
                 "cable.torsional_stiffness: not given beside bending_stiffness, so GJ = 2 G / E EI "
@@ -154,18 +163,18 @@ class Cable:
             )
         if self.bending_stiffness and not self.axial_stiffness:
             lines.append(
-                f"cable.axial_stiffness: not given beside bending_stiffness, so EA = E pi D^2 / 4 "
-                f"= {self.EA:.3g} N, as of a solid section"
+                f"cable.axial_stiffness: not given beside bending_stiffness, so EA = E pi {EA} = "
+                f"{self.EA:.3g} N, as of a {section}"
             )
         if self.axial_stiffness and not self.bending_stiffness:
             lines.append(
-                f"cable.bending_stiffness: not given beside axial_stiffness, so EI = E pi D^4 / 64 "
-                f"= {self.EI:.3g} N m^2, as of a solid section"
+                f"cable.bending_stiffness: not given beside axial_stiffness, so EI = E pi {EI} = "
+                f"{self.EI:.3g} N m^2, as of a {section}"
             )
         if self.linear_density:
             lines.append(
-                f"cable.linear_density: the polar inertia that belongs to it is mu D^2 / 8 = "
-                f"{self.polar_inertia:.3g} kg m, as of a solid section"
+                f"cable.linear_density: the polar inertia that belongs to it is mu {inertia} = "
+                f"{self.polar_inertia:.3g} kg m, as of a {section}"
             )
         return tuple(lines)
 
@@ -228,15 +237,16 @@ class Water:
 
 @dataclass(frozen=True)
 class Hose:
-    """Pressure in a hose, which makes it longer, or pushes apart what holds its ends.
+    """A hose: its bore, and pressure, which makes it longer, or pushes apart what holds its ends.
 
     The tension of a hose is that of its wall, which bears the pressure; reactions include what the
     pressure pushes on the ends.
 
     Parameters:
         pressure: Pressure inside in excess of that outside.
-        bore: Inner diameter, which the pressure does not widen; the mass of what is inside belongs
-            to cable.linear_density.
+        bore: Inner diameter d, which the pressure does not widen; mass and stiffnesses that are
+            derived are those of the wall, and the mass of what is inside belongs to
+            cable.linear_density.
     """
 
     pressure: float = parameter(0.0, "Pa", (0.0, 1.0e9))
@@ -1397,6 +1407,7 @@ def scene_from_values(values: Mapping[str, object]) -> Scene:
         elif not is_node_key(key):
             raise unknown_key(key, value, known)
     scene = with_parameters(default_scene(*names), checked)
+    scene = replace(scene, cable=replace(scene.cable, bore=scene.hose.bore))
     _check(scene)
     return scene
 
@@ -1494,9 +1505,11 @@ def _conflicts(scene: Scene) -> Conflicts:
     if scene.contact.markers and scene.terms.contact == "off":
         problem = "obstacles would do nothing, since terms.contact is off; set it to auto"
         yield "contact.markers", scene.contact.markers, problem
-    if scene.hose.pressure and not 0.0 < scene.hose.bore < scene.cable.diameter:
+    least = 0.0 if scene.hose.pressure else -1.0
+    if not least < scene.hose.bore < scene.cable.diameter:
+        what = "no inner diameter for a hose.pressure" if scene.hose.bore == 0.0 else "too wide"
         cure = f"give it, below cable.diameter ({scene.cable.diameter:g} m)"
-        yield "hose.bore", scene.hose.bore, f"m is no inner diameter for a hose.pressure; {cure}"
+        yield "hose.bore", scene.hose.bore, f"m is {what}; {cure}"
     yield from _times(scene)
     yield from _colors(scene)
 
