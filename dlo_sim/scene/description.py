@@ -32,6 +32,7 @@ from dlo_sim.scene.refusal import SceneError, brief, refusal, shown
 EARTH = 9.81  # [m/s^2]
 DEPTH = 1e-3  # penetration of a cable into an obstacle under its weight on earth, in diameters
 ORIGIN = (0.0, 0.0, 0.0)
+NO_SURFACE = 1e9  # [m], water.level of water that is everywhere
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Switches = tuple[bool, bool, bool]
@@ -222,7 +223,11 @@ class Water:
     """Water around the cable: buoyancy, and drag that is quadratic in the velocity relative to it.
 
     Parameters:
-        density: Density of the water; 0 = no water. The cable displaces its section.
+        density: Density of the water; 0 = no water. The cable displaces its section. Air of 1.2
+            kg/m^3 with a velocity is wind.
+        level: Height of its surface in the world, against gravity (without gravity along z): above
+            it there is neither buoyancy nor drag. auto (1e9) = no surface, all of the cable is in
+            water.
         velocity: Velocity of its current, world frame. An equilibrium at the start is that in still
             water; from there the cable drifts.
         drag: Drag coefficient across the cable, on its diameter.
@@ -230,6 +235,7 @@ class Water:
     """
 
     density: float = parameter(0.0, "kg/m^3", (0.0, 1.0e5))
+    level: float = parameter(NO_SURFACE, "m", (-1.0e8, NO_SURFACE), auto=NO_SURFACE)
     velocity: Vector = parameter(ORIGIN, "m/s", (-1.0e3, 1.0e3))
     drag: float = parameter(1.2, "", (0.0, 100.0))
     drag_along: float = parameter(0.01, "", (0.0, 100.0))
@@ -895,6 +901,16 @@ class Scene:
         return scale * self.water.drag, scale * math.pi * self.water.drag_along
 
     @property
+    def water_surface(self) -> tuple[Vector, float] | None:
+        """Unit normal of the surface of the water and its height along that [m]; None without."""
+        if self.water.density == 0.0 or self.water.level == NO_SURFACE:
+            return None
+        x, y, z = self.gravity
+        pull = math.hypot(x, y, z)
+        up = (-x / pull, -y / pull, -z / pull) if pull else (0.0, 0.0, 1.0)
+        return up, self.water.level
+
+    @property
     def displaced(self) -> float:
         """Mass of the water that the cable displaces, per length [kg/m]."""
         return self.water.density * math.pi * self.cable.diameter**2 / 4.0
@@ -1505,6 +1521,9 @@ def _conflicts(scene: Scene) -> Conflicts:
     if scene.contact.markers and scene.terms.contact == "off":
         problem = "obstacles would do nothing, since terms.contact is off; set it to auto"
         yield "contact.markers", scene.contact.markers, problem
+    if scene.water.level != NO_SURFACE and scene.water.density == 0.0:
+        problem = "m is the surface of no water; give water.density, or remove it"
+        yield "water.level", scene.water.level, problem
     least = 0.0 if scene.hose.pressure else -1.0
     if not least < scene.hose.bore < scene.cable.diameter:
         what = "no inner diameter for a hose.pressure" if scene.hose.bore == 0.0 else "too wide"
