@@ -50,6 +50,7 @@ _NODE_KEYS = re.compile(
 _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 LEAST_STEP = 1e-9  # [s]; 0 = chosen automatically
 LEAST_DENSITY = 1e-15  # [kg/m], of the least diameter and density allowed
+LEAST_CELLS = 8  # of a mesh's field
 LEAST_QUATERNION = 1e-3  # norm below which an orientation is refused
 _LARGEST_STRETCH = 2.0  # distance of held ends, in lengths, above which it is surely a mistake
 
@@ -344,8 +345,9 @@ class Obstacle:
             package://PACKAGE/PATH. All its bodies are one obstacle.
         mesh_scale: Factor from the lengths in the file to m: 0.001 for an STL file in mm. DAE files
             name their unit, which is known.
-        mesh_cells: Cells of the grid of distances along the longest side of the mesh. Edges, and
-            walls thinner than two cells, are rounded by about a cell.
+        mesh_cells: Cells of the grid of distances along the longest side of the mesh. Edges and
+            openings, and walls thinner than two cells, are rounded by about a cell; 0 = chosen: 48,
+            or as many as make cells no larger than the cable's radius, up to a million in all.
         friction: Coefficient of Coulomb friction of the cable on it; auto (-1) = contact.friction.
         pose_topic: Topic of its pose (PoseStamped), which moves it; empty = it rests.
         frame: tf2 frame to which it is attached and with which it moves, such as that of a table or
@@ -362,7 +364,7 @@ class Obstacle:
     orientation: Quaternion = parameter((0.0, 0.0, 0.0, 1.0), "", (-1.0, 1.0))
     mesh: str = parameter("")
     mesh_scale: float = parameter(1.0, "", (1.0e-9, 1.0e9))
-    mesh_cells: int = parameter(48, "", (8, 200))
+    mesh_cells: int = parameter(0, "", (0, 2000))
     friction: float = parameter(-1.0, "", (0.0, 100.0), auto=-1.0)
     pose_topic: str = parameter("", read_only=True)
     frame: str = parameter("", read_only=True)
@@ -1738,6 +1740,9 @@ def _obstacles(obstacles: tuple[Obstacle, ...], grasps: set[str], diameter: floa
         if obstacle.shape == "mesh" and not obstacle.mesh:
             problem = "is no file; give a mesh file, or another shape"
             yield f"obstacles.{obstacle.name}.mesh", obstacle.mesh, problem
+        if 0 < obstacle.mesh_cells < LEAST_CELLS:
+            problem = f"are too few; give {LEAST_CELLS} or more, or 0 to have them chosen"
+            yield f"obstacles.{obstacle.name}.mesh_cells", obstacle.mesh_cells, problem
         used = {"plane": 0, "mesh": 0, "sphere": 1, "ring": 2}.get(obstacle.shape, 3)
         key = f"obstacles.{obstacle.name}.size"
         if 0.0 in obstacle.size[:used]:
