@@ -15,6 +15,7 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import inextensible
 
 SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
+CLAMPED_SHARE = 0.75  # of explicit steps beside a clamp, whose span stretches and shortens most
 CONSTRAINED_SAFETY = 0.8  # the pull of a fast inextensible cable adds to its frequencies
 WORTH_COMPOSING = 0.8  # of the sub-steps of energy_momentum, from which fourth order is chosen
 FAR_LESS = 0.5  # of the work, from which another method is worth a word
@@ -123,6 +124,9 @@ def _chosen_step(scene: Scene, method: Method, limit: float) -> tuple[float, str
     stable = safe_share(method) * limit
     if stable < step:
         step, why = stable, f"{safe_share(method):g} of the stability limit {limit:.3g} s"
+    clamped = any(end.clamped for end in scene.ends.values())
+    if clamped and method.family != IMPLICIT:
+        step, why = CLAMPED_SHARE * step, f"{CLAMPED_SHARE:g} for the clamp; {why}"
     period = 1.0 / scene.rate
     if step >= period:
         step, why = period, f"one period of rate {scene.rate:g} Hz"

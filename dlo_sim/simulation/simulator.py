@@ -72,6 +72,7 @@ from dlo_sim.simulation.natural_shape import NaturalShape
 from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import (
+    WRONG,
     Energy,
     Report,
     Slide,
@@ -498,7 +499,7 @@ class Simulator:
                 return Report(status, message, done, done * self.step, evaluations)
         note = newton_note(self.choice.method, self.step, done, evaluations)
         wrong = unexplained_stretch(self.model, self.cable.points, self._ends, self.time)
-        if not wrong and self.choice.method.family != IMPLICIT:
+        if not wrong and self.choice.method.family != IMPLICIT and self.energy_error > WRONG:
             wrong = self._open_balance
         status = Status.UNRESOLVED if wrong else Status.OK
         return Report(status, wrong, done, done * self.step, evaluations, note)

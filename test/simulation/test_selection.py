@@ -75,15 +75,15 @@ def test_a_soft_cable_gets_an_implicit_method(modulus):
     assert sim.energy_error < 1e-5
 
 
-@pytest.mark.parametrize("seed", [1, 32, 34])
-def test_an_explicit_swing_is_right_or_said(seed):
-    """At 0.9 of the limit at rest these gain energy: two diverge, one is open by 2 %."""
+@pytest.mark.parametrize(("seed", "status"), [(1, "DIVERGED"), (34, "UNRESOLVED"), (8, "OK")])
+def test_an_explicit_swing_is_right_or_said(seed, status):
+    """At the chosen share of the limit at rest these gain energy: 50 %, 1.6 % and 0.7 %."""
     sim = Simulator(swing(seed).scene({"integrator.method": "velocity_verlet"}))
     report = sim.advance(10.0)
-    assert not report.status.ok and "or energy_momentum" in report.message
-    assert report.status.advanced == (sim.time > 9.9)
-    small = Simulator(swing(5).scene({"integrator.method": "velocity_verlet"}))
-    assert small.advance(1.0).status.ok and not small.warnings
+    assert report.status.name == status
+    assert "or energy_momentum" in (report.message or sim.warnings[0])
+    right = Simulator(swing(5).scene({"integrator.method": "velocity_verlet"}))
+    assert right.advance(1.0).status.ok and not right.warnings
 
 
 @pytest.mark.parametrize("method", ["auto", "velocity_verlet"])
