@@ -903,6 +903,14 @@ class Scene:
         return scale * self.water.drag, scale * math.pi * self.water.drag_along
 
     @property
+    def assumptions(self) -> tuple[str, ...]:
+        """One line for each assumption about the cable and the water around it."""
+        if self.water.density == 0.0 or self.water_surface is not None:
+            return self.cable.assumptions
+        everywhere = f"so that there is water of {self.water.density:g} kg/m^3 everywhere"
+        return (*self.cable.assumptions, f"water.level: not given, {everywhere}")
+
+    @property
     def water_surface(self) -> tuple[Vector, float] | None:
         """Unit normal of the surface of the water and its height along that [m]; None without."""
         if self.water.density == 0.0 or self.water.level == NO_SURFACE:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cables import Bench, simulator, wild
+from cables import Bench, scene_of, simulator, wild
 from differences import assert_limit, central
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, root
@@ -179,6 +179,14 @@ def test_the_stiffness_of_the_surface_is_a_gradient():
     found = -central(lambda moved: bench.force(moved)[:, :3], points, 1e-6)[..., :3]
     exact = bench.stiffness(points).reshape(found.shape)
     assert np.abs(found - exact).max() < 1e-6 * np.abs(exact).max()
+
+
+def test_water_everywhere_is_an_assumption():
+    (line,) = scene_of(
+        CABLE, {"cable.bending_stiffness": 0.0, "cable.axial_stiffness": 0.0}
+    ).assumptions
+    assert line == "water.level: not given, so that there is water of 1000 kg/m^3 everywhere"
+    assert not any("water" in line for line in scene_of(CABLE, {"water.level": 0.0}).assumptions)
 
 
 def test_a_surface_of_no_water_is_refused():
