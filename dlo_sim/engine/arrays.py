@@ -45,6 +45,7 @@ MESHED = 1 << 24  # obstacles may be triangle meshes (`contact.MESH`)
 SLIDING = 1 << 25  # grasps may let the cable slide
 PRESSURE = 1 << 26  # in the bore of a hose
 SELF = 1 << 27  # the cable touches itself (`engine.self_contact`)
+SURFACE = 1 << 32  # the water has a surface (`engine.buoyancy`)
 ROLLING = 1 << 28  # friction also turns the cable about its axis (`engine.rolling`)
 BOXED, ROUND, TUBED = 1 << 29, 1 << 30, 1 << 31  # obstacles may be `contact.BOX`, CYLINDER, TUBE
 
@@ -106,6 +107,10 @@ class Physics(Group):
     water_across = Number()  # k_n and k_t of `engine.drag` [N s^2/m^3]
     water_along = Number()
     water_current = Reals(3)  # velocity of the water by line [m/s]
+    water_up = Reals(3)  # normal of its surface by line, over the radius of the cable [1/m]
+    water_level = Number()  # height of its surface along that
+    water_parts = Number()  # of a span, over which `engine.buoyancy` sums
+    buoyancy = Number()  # of the whole section, times the radius [N]
     thrust = Number()  # pressure in a hose times the area of its bore [N]
     thinning = Number()  # lambda^2 of `terms.viscosity` [(m s)^2]
     beta_stretch = Number()  # internal damping [s]

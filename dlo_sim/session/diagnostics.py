@@ -71,7 +71,8 @@ EVENTS: dict[str, str] = {
     "resumed": "the simulation resumed from the state in state.save_to",
     "failed": "a step failed; the last good state is held",
     "not_published": "an output was not finite and was not published",
-    "unresolved": "the stretch of the cable is not what its tension explains: a fold or cusp",
+    "unresolved": "the stretch of the cable is not what its tension explains: a fold or cusp; or "
+    "the energy balance of an explicit method is open",
     "inaccurate": "the estimated error exceeds accuracy.target",
     "slow_newton": "Newton's method took far more iterations in a tick than usual",
     "markers_spared": "the prediction fell behind; markers are no longer published",

@@ -71,7 +71,7 @@ class Drive:
         scene: what is simulated now; its grasps are taken or not as messages have told.
         simulator: the simulator; placed by `begin`.
         estimate: steps the simulator together with refined ones; None if errors are not estimated.
-        unresolved: one line if a shape of the last advance was no cable's
+        unresolved: one line if a shape or the energy of the last advance was no cable's
             (`simulation.soundness`), else "".
         surroundings: obstacles from markers; None if the scene takes none.
         observer: corrects the simulator by measurements; None if the scene has no measured points.

@@ -106,6 +106,7 @@ def fill_rows(model: Model, values: Array, shifts: Array) -> None:
 # Share of the polar inertia that a cable with quasistatic twist keeps, because it could not be
 # inverted without: too little to matter in the energy account; more where nothing holds the roll.
 STATIC, FREE_STATIC = 1e-24, 1e-9
+WATER_PARTS = 8, 32  # of a span where the water has a surface, fewest and most
 SELECTIVE = 3e-3  # of mu h^6 integral b''' b'''
 
 
@@ -123,6 +124,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool, holding: Holding) -> int:
         bits.MATERIAL: curved and "bishop" in needs,
         bits.ROLLING: rolls and {"contact", "bishop"} <= set(needs.active),
         bits.DRAG: scene.drag_across > 0.0 or any(scene.water_drag),
+        bits.SURFACE: scene.water_surface is not None,
         bits.THINNED: "bend" in needs and thinning,
     }
     present |= {bit: name in needs for name, bit in bits.BITS.items()}
@@ -183,7 +185,8 @@ class _Filling:
             self._factors(linear.factors[kind], band, np.zeros(model.n, dtype=bool))
         if "gravity" in self._needs:
             pull = np.asarray(scene.gravity)[self._axes]
-            weight = mass.multiply(space - scene.displaced * gram, np.ones(model.n))
+            displaced = scene.displaced * (scene.water_surface is None)
+            weight = mass.multiply(space - displaced * gram, np.ones(model.n))
             self._inside(linear.weight)[:] = np.outer(pull, weight)
         if model.twist:
             slopes = mass.gram(model.knots, 1, model.rule)
@@ -291,3 +294,17 @@ class _Filling:
                     getattr(physics, name)[: len(axes)] = np.array(value)[axes]
                 else:
                     setattr(physics, name, value)
+        if self._scene.water_surface is not None:
+            self._surface(*self._scene.water_surface)
+
+    def _surface(self, up: tuple[float, ...], level: float) -> None:
+        """The surface of the water, in radii of the cable."""
+        scene, model, physics = self._scene, self._model, self._arrays.physics
+        radius, normal = 0.5 * scene.cable.diameter, np.array(up)
+        physics.water_up[: len(self._axes)] = normal[self._axes] / radius
+        physics.water_level = (level - normal @ (model.origin + model.rest)) / radius
+        longest = float(np.diff(bspline.breaks(model.knots)).max())
+        physics.water_parts = float(np.clip(np.ceil(longest / radius), *WATER_PARTS))
+        if "gravity" in self._needs:
+            pull = scene.displaced * float(np.linalg.norm(scene.gravity))
+            physics.buoyancy = pull * radius

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 READ = "STL, OBJ, PLY, GLB or DAE"  # kinds of files that are tested; trimesh reads a few more
 MOST_TRIANGLES = 1_000_000
 MOST_VALUES = 20_000_000  # of a field: 160 MB, and three times as much while it is made
+CHOSEN_VALUES = 1_000_000  # most where the cells are chosen: made in about a second
+FEWEST = 48  # cells along the longest side that are chosen
 SAME = 1e-6  # share of the extent below which two corners are one
 BORDER = 4  # cells of the grid around a mesh, beside the radius of the cable
 _kept: dict[str, Array] = {}
@@ -42,6 +44,16 @@ class Field(NamedTuple):
     numbers: Array
     coefficients: Array
     off: float = 0.0
+
+    @property
+    def cell(self) -> float:
+        """Length of a cell [m]."""
+        return float(1.0 / self.numbers[distance_field.FINENESS])
+
+    def cells(self, size: float) -> int:
+        """Cells of this size [m] along the longest side of the mesh."""
+        low, high = self.numbers[distance_field.LOW :][:3], self.numbers[distance_field.HIGH :][:3]
+        return math.ceil(float((high - low).max()) / size - 1e-9)
 
     def distance(self, points: Array) -> Array:
         """Signed distances [m] of points (..., 3): between grid points linear, outside of the grid
@@ -233,9 +245,27 @@ def problem_of(triangles: Array) -> str:
     return ""
 
 
+def chosen_cells(sides: Array, radius: float) -> int:
+    """Cells along the longest side of a mesh with these sides [m]: FEWEST, or as many as make them
+    no larger than the radius of the cable [m], as far as CHOSEN_VALUES values do for the grid.
+    """
+    longest = float(sides.max())
+    most = longest / FEWEST
+    size = min(radius, most) if radius else most
+    while size < most and math.prod(_shape(sides, size, radius).tolist()) > CHOSEN_VALUES:
+        size *= 1.05
+    return max(math.ceil(longest / size - 1e-9), FEWEST)
+
+
+def _shape(sides: Array, size: float, radius: float) -> NDArray[np.int64]:
+    """Points by axis of the grid around a mesh with these sides, of cells of this size [m]."""
+    border = BORDER + int(np.ceil(radius / size))
+    return np.asarray(np.ceil(sides / size).astype(int) + 1 + 2 * border)
+
+
 @lru_cache(maxsize=16)
 def _made(triangles: bytes, cells: int, radius: float) -> Field:
-    """The field of triangles, with this number of cells along the longest side.
+    """The field of triangles, with this number of cells along the longest side, 0 = chosen.
 
     Raises:
         ValueError: it has more than MOST_VALUES values, as around a mesh in the wrong unit.
@@ -243,9 +273,9 @@ def _made(triangles: bytes, cells: int, radius: float) -> Field:
     corners = np.frombuffer(triangles).reshape(-1, 3, 3).copy()
     points = corners.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
+    cells = cells or chosen_cells(high - low, radius)
     size = float((high - low).max()) / cells
-    border = BORDER + int(np.ceil(radius / size))
-    shape = np.ceil((high - low) / size).astype(int) + 1 + 2 * border
+    shape = _shape(high - low, size, radius)
     if math.prod(shape.tolist()) > MOST_VALUES:
         raise ValueError(
             f"{cells} cells along a mesh of {size * cells:.3g} m, and as small ones around it for "

@@ -48,6 +48,7 @@ USUAL = 0.2, 50.0, 2e-3  # tension as usual: largest strain, force [N], least st
 # thickness of the body. What flies on beside a small body pulls it in more than twice as deep.
 THROWN_DEPTH = 0.2
 TAUT = 1e-3  # strain of what is pulled as usual
+OFF = 0.5  # of the radius of the cable: error of a mesh's field that is said
 TOO_DEEP = 0.1  # penetration in diameters above which a warning reports it
 # Of half the thickness of a body: so deep is near its middle. Samples a reach apart can cross a
 # thin body no deeper than half of it.
@@ -410,16 +411,20 @@ def thin_warning(scene: Scene) -> str:
 
 
 def mesh_warning(scene: Scene) -> str:
-    """One line if the cable may sink into a mesh, or go through it, where its field is too coarse,
-    else empty.
+    """One line if the cable may sink into a mesh, or go through it, where its field is too coarse
+    for walls or openings, else empty.
     """
     radius = 0.5 * scene.cable.diameter
     for obstacle in scene.bodies if scene.touches else ():
-        if obstacle.shape == "mesh" and (off := field_of(obstacle, radius).off) > radius:
+        if obstacle.shape != "mesh":
+            continue
+        field = field_of(obstacle, radius)
+        if field.off > OFF * radius:
+            cure = f"raise it to {field.cells(radius)}" if field.cell > radius else "raise it"
             return (
-                f"obstacles.{obstacle.name}.mesh_cells: {obstacle.mesh_cells} are too few for its "
-                f"thinnest walls, which the cable may sink into by {off:.3g} m or go through; "
-                "raise it, or split the mesh, or take boxes"
+                f"obstacles.{obstacle.name}.mesh_cells: {field.cells(field.cell)} are too few for "
+                "its thinnest walls and narrowest openings, where the cable may sink in by "
+                f"{field.off:.3g} m or go through; {cure}, or split the mesh, or take boxes"
             )
     return ""
 

@@ -72,6 +72,7 @@ from dlo_sim.simulation.natural_shape import NaturalShape
 from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import (
+    WRONG,
     Energy,
     Report,
     Slide,
@@ -82,7 +83,7 @@ from dlo_sim.simulation.report import (
     newton_note,
 )
 from dlo_sim.simulation.resolution import continued, resolved
-from dlo_sim.simulation.selection import check_named_method, choose
+from dlo_sim.simulation.selection import check_named_method, choose, is_implicit
 from dlo_sim.simulation.soundness import judged, unexplained_stretch
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.statics import place
@@ -183,9 +184,7 @@ class Simulator:
             held = [one.u for one in self._geometries.values() if one.u is not None]
             self_contact.check_start(scene, self.cable, held)
         self._watch = self_contact.Watch()
-        frequency = largest_frequency(scene, self.cable)
-        frequency = with_grasps_and_contact(scene, model, frequency)
-        self.choice = choose(scene, frequency, unchecked_step)
+        self.choice = choose(scene, self._largest_frequency(), unchecked_step)
         self._needs = needs.stepped(self.choice.method.family == IMPLICIT)
         self._stepper = Stepper(scene, self.cable, self.choice.method, self.choice.step)
         self._look_every = steps_between_looks(self.choice.step, self._stepper.check_every)
@@ -246,18 +245,15 @@ class Simulator:
 
     def warnings_with(self, found: Mapping[str, obstacles.Contact]) -> tuple[str, ...]:
         """`warnings` where `contacts` are known, which take long with many obstacles."""
-        tolerance, account = self.scene.integrator.tolerance, self.cable.account
-        notable = account.exchanged > NOTABLE * account.floor
-        error = self.energy_error if notable else 0.0
         itself = found.get(obstacles.ITSELF)
         bodies = {name: one for name, one in found.items() if name != obstacles.ITSELF}
         points = self.cable.points
         lines = (
             coiling_warning(self.scene, self.cable),
-            balance_warning(self.choice.method, tolerance, error),
+            self._open_balance,
             obstacles.thin_warning(self.scene),
             obstacles.mesh_warning(self.scene),
-            obstacles.depth_warning(self.scene, float(account.contact_deep)),
+            obstacles.depth_warning(self.scene, float(self.cable.account.contact_deep)),
             *(obstacles.overlap_warning(*key, *seen) for key, seen in self._overlaps.items()),
             *(obstacles.press_warning(name, one, self.scene) for name, one in bodies.items()),
             *(
@@ -269,6 +265,14 @@ class Simulator:
             *self_contact.warnings(self.scene, self.cable, itself),
         )
         return (*self._needs.warnings, *filter(None, lines))
+
+    @property
+    def _open_balance(self) -> str:
+        """One line if the energy balance is open by more than the method may leave, else empty."""
+        account, method = self.cable.account, self.choice.method
+        if account.exchanged <= NOTABLE * account.floor:
+            return ""
+        return balance_warning(method, self.scene.integrator.tolerance, self.energy_error)
 
     def look_at(self, times: Array, points: Array) -> None:
         """Look whether a recorded run, of control points (T, n_u, 4) at times [s], passed through
@@ -495,6 +499,8 @@ class Simulator:
                 return Report(status, message, done, done * self.step, evaluations)
         note = newton_note(self.choice.method, self.step, done, evaluations)
         wrong = unexplained_stretch(self.model, self.cable.points, self._ends, self.time)
+        if not wrong and self.choice.method.family != IMPLICIT and self.energy_error > WRONG:
+            wrong = self._open_balance
         status = Status.UNRESOLVED if wrong else Status.OK
         return Report(status, wrong, done, done * self.step, evaluations, note)
 
@@ -1337,6 +1343,13 @@ class Simulator:
         return taking
 
     # -- arrays -----------------------------------------------------------------------------------
+
+    def _largest_frequency(self) -> float:
+        """Of the cable as it begins, with what may touch it [rad/s]; 0 for implicit methods."""
+        if is_implicit(self.scene):
+            return 0.0
+        frequency = largest_frequency(self.scene, self.cable)
+        return with_grasps_and_contact(self.scene, self.model, frequency)
 
     def _fill_loads(self) -> None:
         """Loads of the scene in the inputs of the cable."""

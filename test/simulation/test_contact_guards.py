@@ -49,9 +49,9 @@ def test_an_obstacle_that_jumps_into_the_cable_pushes_it_out_slowly(method):
     """40 mm deep, with an account that knows its work."""
     sim = lying({"contact.friction": 0.2}, method=method, step=2e-3 * (method[0] == "e"))
     sim.advance(0.1)
-    assert not sim.warnings
+    assert not any(line.startswith("obstacles") for line in sim.warnings)
     sim.set_obstacle("body", [0.0, -0.01, 0.0])
-    (line,) = sim.warnings
+    (line,) = (line for line in sim.warnings if line.startswith("obstacles"))
     assert line.startswith("obstacles.body: jumped into the cable once, by 0.043 m at most; it")
     most = 0.0
     for _ in range(40):

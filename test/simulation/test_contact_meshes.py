@@ -228,6 +228,47 @@ def test_a_mesh_with_walls_that_its_cells_lose_is_told():
     assert "raise it" in line
 
 
+THROUGH = {
+    "cable.length": 0.4,
+    "cable.diameter": 0.004,
+    "cable.density": 1150.0,
+    "cable.youngs_modulus": 5e6,
+    "start.fixed": [True] * 3,
+    "start.position": [-0.2, 0.0, 0.0],
+    "end.fixed": [True] * 3,
+    "end.position": [0.2, 0.0, 0.0],
+    "loads.names": ["hand"],
+    "loads.hand.type": "force",
+    "loads.hand.position": 0.5,
+    "loads.hand.signal": "constant",
+    "loads.hand.force": [0.0, 0.0, 0.2],
+    "gravity": [0.0] * 3,
+    "contact.stiffness": 0.0,
+    "discretization.control_points": 23,
+}
+
+
+@pytest.mark.parametrize("side", [0.1, 0.3])
+def test_an_opening_is_as_wide_in_a_large_plate_as_in_a_small_one(side):
+    """A hole of 8 mm, into whose edge a force pulls a cable of 4 mm: its middle is 2 mm up."""
+    sim = lying(solids.plate(side, 0.008, 0.005), THROUGH, cells=0)
+    assert sim.advance(1.0).status.ok and not sim.warnings
+    assert sim.centerline([0.2])[0, 2] == pytest.approx(2e-3, abs=2e-4)
+
+
+def test_cells_too_coarse_for_an_opening_are_said():
+    """Also where so many are not chosen, as in a plate of 2 m."""
+    for side, cells, counts in ((0.3, 48, (48, 150)), (2.0, 0, (268, 1000))):
+        (line,) = lying(solids.plate(side, 0.008, 0.005), THROUGH, cells=cells).warnings
+        assert f"mesh_cells: {counts[0]} are too few for its thinnest walls and narrowest" in line
+        assert f"raise it to {counts[1]}, or split the mesh" in line
+
+
+def test_too_few_cells_are_refused():
+    with pytest.raises(SceneError, match="mesh_cells: 7 are too few; give 8 or more, or 0"):
+        lying(solids.box(0.1, 0.1, 0.1), cells=7)
+
+
 def test_a_fall_on_a_mesh_of_few_cells_keeps_the_energy_account():
     """Its field is steeper than 1 above a wall that is thinner than two cells."""
     values = {"obstacles.body.position": [0.0, 0.0, -0.04], "damping.mass": 0.0}
