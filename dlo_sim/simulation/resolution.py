@@ -12,9 +12,10 @@ with the natural curvature kappa and r the smaller of
 
 An obstacle within reach bends the cable to its radius with the cable's, at an edge of a box or a
 mesh to that of the cable alone, and another strand of the cable to its diameter; or to lambda if
-that is larger. Spans are at most ROUND times that: the friction of half a turn round a cylinder is
-then right to 1.5 % (coefficients up to 1), and the tensions on both sides of a ring without
-friction are equal to 2 %. Edges alone do not ask for more than MOST_FOR_EDGES control points.
+that is larger. Spans are at most ROUND times that, but IN_CHANNEL times lambda in a channel, which
+holds the direction as a clamp does: the friction of half a turn round a cylinder is then right to
+1.5 % (coefficients up to 1), and the tensions on both sides of a guide without friction are equal
+to 2 to 5 %. Edges alone do not ask for more than MOST_FOR_EDGES control points.
 
 A cable that is held at two places can be pulled taut through a ring, a channel or a knot: lambda is
 there that of the strain obstacles.TAUT, if the tension known from the scene is smaller. How hard
@@ -45,7 +46,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
 from dlo_sim.engine.contact import TINY
-from dlo_sim.scene.description import PARAMETERS, Scene
+from dlo_sim.scene.description import PARAMETERS, Obstacle, Scene
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.obstacles import (
     EDGED,
@@ -61,7 +62,8 @@ from dlo_sim.simulation.selection import is_implicit
 Array = NDArray[np.float64]
 
 CLAMP, MIDDLE = 0.05, 0.05  # of the errors above
-ROUND = 0.8
+# Lengths of spans per radius of a bend, or per lambda; and per lambda in a channel.
+ROUND, IN_CHANNEL = 0.8, 0.4
 TURN = 0.5 * np.pi  # [rad] between a clamp and the pull
 LONGEST = 1.5  # spans per length are not longer than this, whatever the target
 # Lengths of a cable per radius of its sharpest bend: that of a ring, and that of the S or the loop
@@ -180,16 +182,25 @@ def _round_spans(scene: Scene, bend: float, taut: float) -> list[tuple[float, st
     """
     found = []
     if scene.contact.self == "on":
-        found.append((ROUND * max(scene.cable.diameter, taut), "another strand"))
+        found.append((_span_round(scene, None, taut), "another strand"))
     if not scene.touches:
         return found
     least = scene.cable.length / (MOST_FOR_EDGES - bspline.DEGREE)
     for one in scene.bodies:
         if one.shape != "plane" and not beyond_reach(scene, one):
-            length = taut if one.shape in GUIDES else bend
-            span = ROUND * max(bend_radius(scene, one), length)
+            span = _span_round(scene, one, taut if one.shape in GUIDES else bend)
             found.append((max(span, least * (one.shape in EDGED)), f"obstacles.{one.name}"))
     return found
+
+
+def _span_round(scene: Scene, body: Obstacle | None, bend: float) -> float:
+    """The longest span [m] to bend round an obstacle, or the cable itself, under a tension that
+    bends the cable over the length `bend` [m].
+    """
+    if body is None:
+        return ROUND * max(scene.cable.diameter, bend)
+    over = IN_CHANNEL if body.shape == "channel" else ROUND
+    return max(ROUND * bend_radius(scene, body), over * bend)
 
 
 class Shortfall(NamedTuple):
@@ -235,15 +246,14 @@ def shortfalls(
     Args:
         points: control points [m], shape (n, 3 or 4). found: what touches, by the same names.
     """
-    bodies, bends = {one.name: one for one in scene.bodies}, {}
+    bodies, bends = {one.name: one for one in scene.bodies if one.shape != "plane"}, {}
     breaks = bspline.breaks(model.knots)
     spans, bending = np.diff(breaks), scene.cable.EI * (scene.terms.bend != "off")
     for name, one in found.items():
-        if not len(one.u) or (name != ITSELF and bodies[name].shape == "plane"):
+        if not len(one.u) or (name != ITSELF and name not in bodies):
             continue
-        radius = scene.cable.diameter if name == ITSELF else bend_radius(scene, bodies[name])
         pulled = one.tensions.max(initial=TINY) if len(one.tensions) else math.inf
-        wanted = ROUND * max(radius, math.sqrt(bending / pulled))
+        wanted = _span_round(scene, bodies.get(name), math.sqrt(bending / pulled))
         here = spans[np.searchsorted(breaks, one.u, side="right").clip(1, len(spans)) - 1]
         sides = (one.u + 0.5 * sign * here for sign in (-1.0, 1.0))
         before, after = (
@@ -253,7 +263,8 @@ def shortfalls(
         turns = np.arctan2(across, np.sum(before * after, axis=1))
         turns[here <= TOO_LONG * wanted] = 0.0
         worst = int(np.argmax(turns))
-        if turns[worst] > SHARP:
+        in_channel = name != ITSELF and bodies[name].shape == "channel"
+        if turns[worst] > SHARP * (IN_CHANNEL / ROUND if in_channel else 1.0):
             needed = math.ceil(len(spans) * here[worst] / wanted - 1e-6) + bspline.DEGREE
             needed = min(needed, MOST_CONTROL_POINTS)
             bends[name] = Shortfall(needed, float(turns[worst]), float(one.u[worst]))
