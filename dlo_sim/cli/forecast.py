@@ -92,7 +92,9 @@ def run(options: argparse.Namespace) -> int:
             simulator = Simulator(scene, begin)
             found = simulator.forecast(plan, options.every)
             if scene.estimates_errors and len(found.times):
-                error, advice = error_along(simulator, found.centerline, along)
+                error, advice = error_along(
+                    simulator, found.centerline, along, found.control_points_needed
+                )
                 accuracy = {"error_estimate": error.numbers, "advice": advice}
         except (PlanError, ValueError) as refusal:
             raise CommandError(str(refusal)) from None

@@ -67,7 +67,7 @@ def build_model(
     rest[list(axes)] = 0.0
     bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
     origin = np.zeros(3) if origin is None else origin
-    room = obstacles.MOST_PIECES if scene.contact.markers else pieces
+    room = max(pieces, obstacles.MOST_PIECES) if scene.contact.markers else pieces
     most = most_sizes(scene, n, rule.xi.shape[1], room, segments)
     stiffness = scene.cable.EA, bending
     places = dict(zip(scene.bodies, obstacles.at_rest(scene, origin), strict=True))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from dlo_sim.core import bspline
 from dlo_sim.engine.arrays import SELF, CableArrays
 from dlo_sim.engine.contact import RETURN
-from dlo_sim.engine.self_contact import LONGEST, STIFFNESS
+from dlo_sim.engine.self_contact import LONGEST
 from dlo_sim.scene.description import EARTH, Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.obstacles import Contact, values_of_spans
+from dlo_sim.simulation.obstacles import Contact, tensions_beside, values_of_spans
 
 Array = NDArray[np.float64]
 SEGMENT = 0.5  # length of a segment in diameters, of the longest span
@@ -251,9 +251,12 @@ class Watch:
         )
 
 
-def warnings(scene: Scene, cable: Cable, found: Contact | None) -> Iterator[str]:
-    """Lines about what the contact of a cable with itself cannot bear; `found`: what touches now,
-    None if it does not touch itself.
+def warnings(scene: Scene, cable: Cable, found: Contact | None, finer: str) -> Iterator[str]:
+    """Lines about what the contact of a cable with itself cannot bear.
+
+    Args:
+        found: what touches now, None if it does not touch itself. finer: what gives the control
+            points that bends need; empty if there are enough.
     """
     if found is None:
         return
@@ -284,8 +287,9 @@ def warnings(scene: Scene, cable: Cable, found: Contact | None) -> Iterator[str]
     if deep > PRESSED * diameter:
         yield (
             f"contact.self: strands are pressed {deep:.2g} m into each other, {deep / diameter:.1%}"
-            f" of the diameter, by up to {found.pressure:.3g} N/m; raise contact.stiffness above "
-            f"{cable.arrays.chain.law[STIFFNESS]:.2g}"
+            f" of the diameter, by up to {found.pressure:.3g} N/m; raise contact.stiffness to "
+            f"{found.pressure / (0.5 * PRESSED * diameter):.2g}"
+            + (f" and {finer}" if finer else "")
         )
 
 
@@ -311,10 +315,13 @@ def check_start(scene: Scene, cable: Cable, held: Sequence[float]) -> None:
         )
 
 
-def contact_with_itself(cable: Cable, diameter: float) -> Contact:
+def contact_with_itself(
+    cable: Cable, diameter: float, tension: Callable[[Array], Array] | None
+) -> Contact:
     """Where a cable touches itself at the present configuration, each place on the first of the two
     strands. `force` is half the sum of the sizes of all forces, in no direction: those on both
-    strands cancel. The friction is that of the bristles, without their damping.
+    strands cancel. The friction is that of the bristles, without their damping. tension: as for
+    `contact_with`.
     """
     model, rows = cable.model, cable.strands()
     rows = rows[rows[:, 1] > 0.0]
@@ -330,5 +337,5 @@ def contact_with_itself(cable: Cable, diameter: float) -> Contact:
         points=points,
         forces=forces,
         passes=np.zeros(0),
-        tensions=np.zeros(0),
+        tensions=tensions_beside(model.knots, u, tension),
     )

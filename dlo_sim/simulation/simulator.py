@@ -82,7 +82,7 @@ from dlo_sim.simulation.report import (
     explained,
     newton_note,
 )
-from dlo_sim.simulation.resolution import continued, resolved
+from dlo_sim.simulation.resolution import Shortfall, continued, raised, resolved, shortfalls
 from dlo_sim.simulation.selection import check_named_method, choose, is_implicit
 from dlo_sim.simulation.soundness import judged, unexplained_stretch
 from dlo_sim.simulation.start_from_points import cable_through
@@ -184,6 +184,7 @@ class Simulator:
             held = [one.u for one in self._geometries.values() if one.u is not None]
             self_contact.check_start(scene, self.cable, held)
         self._watch = self_contact.Watch()
+        self._bends: dict[str, Shortfall] = {}  # of recorded runs
         self.choice = choose(scene, self._largest_frequency(), unchecked_step)
         self._needs = needs.stepped(self.choice.method.family == IMPLICIT)
         self._stepper = Stepper(scene, self.cable, self.choice.method, self.choice.step)
@@ -247,7 +248,14 @@ class Simulator:
         """`warnings` where `contacts` are known, which take long with many obstacles."""
         itself = found.get(obstacles.ITSELF)
         bodies = {name: one for name, one in found.items() if name != obstacles.ITSELF}
-        points = self.cable.points
+        bends = self._bends_with(found)
+        needed = max((one.needed for one in bends.values()), default=0)
+        implicit = self.choice.method.family == IMPLICIT
+        finer = raised(self.scene, needed, implicit) if needed else ""
+        pressed = {
+            name: obstacles.press_warning(name, one, self.scene, finer)
+            for name, one in bodies.items()
+        }
         lines = (
             coiling_warning(self.scene, self.cable),
             self._open_balance,
@@ -255,14 +263,10 @@ class Simulator:
             obstacles.mesh_warning(self.scene),
             obstacles.depth_warning(self.scene, float(self.cable.account.contact_deep)),
             *(obstacles.overlap_warning(*key, *seen) for key, seen in self._overlaps.items()),
-            *(obstacles.press_warning(name, one, self.scene) for name, one in bodies.items()),
-            *(
-                obstacles.bend_warning(one, bodies[one.name], self.model, points)
-                for one in self.scene.bodies
-                if one.name in bodies
-            ),
+            *pressed.values(),
+            *(one.warning(name, finer) for name, one in bends.items() if not pressed.get(name)),
             self._watch.warning,
-            *self_contact.warnings(self.scene, self.cable, itself),
+            *self_contact.warnings(self.scene, self.cable, itself, finer),
         )
         return (*self._needs.warnings, *filter(None, lines))
 
@@ -273,6 +277,26 @@ class Simulator:
         if account.exchanged <= NOTABLE * account.floor:
             return ""
         return balance_warning(method, self.scene.integrator.tolerance, self.energy_error)
+
+    @property
+    def control_points_needed(self) -> int:
+        """Number of control points that follow the bends of the cable round what it touches now, or
+        touched in a recorded run; 0 if these do.
+        """
+        return max((one.needed for one in self._bends_with(self.contacts).values()), default=0)
+
+    def _bends_with(self, found: Mapping[str, obstacles.Contact]) -> dict[str, Shortfall]:
+        """Bends that the knot spans cannot follow where `contacts` are known, and those kept."""
+        now = shortfalls(self.scene, self.model, self.cable.points, found)
+        bends = {name: max(self._bends.get(name, one), one) for name, one in now.items()}
+        return self._bends | bends
+
+    def keep_bends(self, cable: Cable, found: Mapping[str, obstacles.Contact]) -> None:
+        """Keep the bends that knot spans cannot follow at one state of a recorded run, for
+        `warnings`; found: what touches there.
+        """
+        for name, one in shortfalls(self.scene, cable.model, cable.points, found).items():
+            self._bends[name] = max(self._bends.get(name, one), one)
 
     def look_at(self, times: Array, points: Array) -> None:
         """Look whether a recorded run, of control points (T, n_u, 4) at times [s], passed through
@@ -608,10 +632,11 @@ class Simulator:
         at = np.minimum(now + samples, now + times[-1])
         report, recorder = future.record_along(now + times, poses, at)
         count, shapes = recorder.count, recorder.along(self.scene)
-        drawn = drawn_obstacles(future.scene, future.cable, recorder)
+        drawn = drawn_obstacles(future.scene, future.cable, recorder, future.keep_bends)
         points = recorder.control_points
         future.look_at(samples[:count], points)
-        return Forecast(samples[:count], points, *shapes, report, drawn, future.warnings)
+        told = future.warnings, future.control_points_needed
+        return Forecast(samples[:count], points, *shapes, report, drawn, *told)
 
     def _until_look(self, steps: int) -> int:
         """At most `steps`, and none beyond the next look at a straight cable. One that is bent will
@@ -865,8 +890,10 @@ class Simulator:
         touching = self.scene.bodies if "contact" in self._needs else ()
         found = {obstacle.name: self.contact(obstacle.name) for obstacle in touching}
         if "self_contact" in self._needs:
-            diameter = self.scene.cable.diameter
-            found[obstacles.ITSELF] = self_contact.contact_with_itself(self.cable, diameter)
+            tension = obstacles.tension_along(self.scene, self.cable)
+            found[obstacles.ITSELF] = self_contact.contact_with_itself(
+                self.cable, self.scene.cable.diameter, tension
+            )
         return found
 
     def contact(self, name: str) -> obstacles.Contact:
@@ -877,7 +904,7 @@ class Simulator:
         """
         self._obstacle(name)
         number = [o.name for o in self.scene.bodies].index(name)
-        tension = None if self.scene.without_tension else self.tension
+        tension = obstacles.tension_along(self.scene, self.cable)
         body = self.scene.bodies[number]
         pose = self.end_pose(name) if body.shape in obstacles.GUIDES else None
         return obstacles.contact_with(self.cable, number, body, pose, tension)
@@ -1177,6 +1204,7 @@ class Simulator:
         self._ends.put(place, 0.0)
         self.cable.arrays.state.bristle[:] = 0.0
         self._watch.reset()
+        self._bends = {}
         self.cable.put(place, speed, 0.0)
         if self._natural.follows:
             self._lay_natural_shape()
