@@ -31,7 +31,7 @@ from dlo_sim.scene.needs import inextensible
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.arrays import COARSE, to_blocks
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.meshes import field_of, triangles_of
+from dlo_sim.simulation.meshes import Field, field_of, triangles_of
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -563,11 +563,12 @@ def _fill_field(obstacle: Obstacle, radius: float, group: ContactArrays, number:
     group.field_values[first : first + field.values.size] = field.coefficients.ravel()
 
 
-def field_values(scene: Scene) -> int:
-    """How many numbers the fields of all meshes have."""
+def fields_of(scene: Scene) -> tuple[Field, ...]:
+    """The fields of all meshes."""
     radius = 0.5 * scene.cable.diameter
-    meshes = [obstacle for obstacle in scene.bodies if obstacle.shape == "mesh"]
-    return sum(field_of(obstacle, radius).values.size for obstacle in meshes)
+    return tuple(
+        field_of(obstacle, radius) for obstacle in scene.bodies if obstacle.shape == "mesh"
+    )
 
 
 def largest_frequency(model: Model) -> float:
