@@ -108,6 +108,7 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
         first.rest,
         first.origin,
         first.obstacles,
+        first.fields,
     )
     arrays.axes[:] = first.arrays.axes
     arrays.physics = first.arrays.physics

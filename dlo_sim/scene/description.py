@@ -10,6 +10,7 @@ the latter yields the key, its value and the problem with the cure; the first on
 """
 
 import math
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -406,7 +407,7 @@ class Obstacle:
             return ""
         if "://" in self.mesh:
             return self.mesh
-        return Path(self.mesh).expanduser().absolute().as_uri()
+        return Path(os.path.expanduser(self.mesh)).absolute().as_uri()
 
     def pushes_along(self, axis: int, place: float) -> bool:
         """Whether it can push a cable out of the plane normal to a world axis, at this place on it:

@@ -66,6 +66,7 @@ class Drive:
         scene: what is simulated.
         factory: builds the simulator: factory(scene, end_poses=None).
         journal: counts what happens to inputs.
+        live: whether it must keep up with the clock.
 
     Attributes:
         scene: what is simulated now; its grasps are taken or not as messages have told.
@@ -78,7 +79,13 @@ class Drive:
         grid: times of the steps; None before `begin`.
     """
 
-    def __init__(self, scene: Scene, factory: Callable[..., Simulator], journal: Journal) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        factory: Callable[..., Simulator],
+        journal: Journal,
+        live: bool = False,
+    ) -> None:
         scene = replace(scene, added=())  # as of a state to go on from, which adds them again
         self.simulator = factory(scene)
         self.estimate: ErrorEstimate | None = None
@@ -98,7 +105,7 @@ class Drive:
             self._timed.append(self.observer)
         self.surroundings: Surroundings | None = None
         if scene.contact.markers:
-            self.surroundings = Surroundings(scene, journal)
+            self.surroundings = Surroundings(scene, journal, live)
             self._timed.append(self.surroundings)
         self._queues: list[Waiting[Any]] = [*self.paths.values(), *self._timed]
         self.grid: StepGrid | None = None

@@ -85,7 +85,7 @@ class Session:
         self._transforms = transforms
         sources = (*self.inputs, *tf_inputs(scene))
         self.journal = Journal([entry.topic for entry in sources])
-        self._drive = Drive(scene, simulator_factory, self.journal)
+        self._drive = Drive(scene, simulator_factory, self.journal, live)
         timings = {name: path.timing for name, path in self._drive.paths.items()}
         self._latency = Latency(scene, timings, self.journal)
         queues = {entry: self._drive.queue(entry) for entry in sources}

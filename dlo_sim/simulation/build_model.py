@@ -16,7 +16,7 @@ from dlo_sim.simulation.arrays import most_sizes, sizes_of, to_blocks, without_m
 from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.holding import Holding, holding_of
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.obstacles import field_values, pieces_of
+from dlo_sim.simulation.obstacles import fields_of, pieces_of
 from dlo_sim.simulation.resolution import knot_grading
 
 Array = NDArray[np.float64]
@@ -40,6 +40,7 @@ def build_model(
     holding = holding_of(scene, geometries, knots, axes, twist)
     curved = "bend" in needs and ("plasticity" in needs or scene.cable.shaped)
     pieces = pieces_of(scene) if "contact" in needs else 0
+    fields = fields_of(scene) if "contact" in needs else ()
     segments = self_contact.segments_of(scene, knots) if "self_contact" in needs else 0
     sizes = sizes_of(
         terms=_terms(scene, needs, curved, holding),
@@ -59,7 +60,7 @@ def build_model(
         pieces=pieces,
         segments=segments,
         constraints=n - 1 if inextensible(scene) else 0,
-        field_values=field_values(scene) if "contact" in needs else 0,
+        field_values=sum(field.values.size for field in fields),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
     arrays.axes[: len(axes)] = axes
@@ -71,7 +72,8 @@ def build_model(
     most = most_sizes(scene, n, rule.xi.shape[1], room, segments)
     stiffness = scene.cable.EA, bending
     places = dict(zip(scene.bodies, obstacles.at_rest(scene, origin), strict=True))
-    model = Model(arrays, most, knots, rule, axes, twist, holding, *stiffness, rest, origin, places)
+    lines = axes, twist, holding
+    model = Model(arrays, most, knots, rule, *lines, *stiffness, rest, origin, places, fields)
     _Filling(scene, needs, model).fill()
     return model
 

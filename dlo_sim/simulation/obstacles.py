@@ -30,8 +30,7 @@ from dlo_sim.scene.description import EARTH, Obstacle, Scene
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.arrays import COARSE, to_blocks
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.meshes import field_of, triangles_of
-from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.meshes import Field, field_of, triangles_of
 
 Array = NDArray[np.float64]
 PLANE_SAMPLES = 2  # of a knot span, that planes touch
@@ -562,11 +561,12 @@ def _fill_field(obstacle: Obstacle, radius: float, group: ContactArrays, number:
     group.field_values[first : first + field.values.size] = field.coefficients.ravel()
 
 
-def field_values(scene: Scene) -> int:
-    """How many numbers the fields of all meshes have."""
+def fields_of(scene: Scene) -> tuple[Field, ...]:
+    """The fields of all meshes."""
     radius = 0.5 * scene.cable.diameter
-    meshes = [obstacle for obstacle in scene.bodies if obstacle.shape == "mesh"]
-    return sum(field_of(obstacle, radius).values.size for obstacle in meshes)
+    return tuple(
+        field_of(obstacle, radius) for obstacle in scene.bodies if obstacle.shape == "mesh"
+    )
 
 
 @lru_cache(maxsize=16)

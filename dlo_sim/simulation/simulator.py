@@ -871,6 +871,7 @@ class Simulator:
             )
         if not scene.touches and added:
             raise ValueError("obstacles: terms.contact is off; set it to auto")
+        obstacles.fields_of(scene)  # refuses a mesh while nothing is changed
         self.cable.settle(self.time)
         before = self.cable.present_energy()
         self.scene, needs = scene, self._needs.with_contact(bool(scene.bodies) and scene.touches)
