@@ -39,10 +39,10 @@ Implicit steps take all of this as one force. Explicit steps have the elastic pr
 forces and the rest, friction and damping, as a kick at the end of a step (`dissipate`).
 
 **Jumps.** An obstacle that jumps into the cable would fling it out. It yields instead: its reach is
-less by as much as the cable is inside, and grows back at the speed RETURN where the cable gives
-way. Where it cannot, being held or pushed out of two opposite sides, the obstacle waits, and its
-force is bounded. The gap then changes by n.dy and the growth, whose work p times growth is that of
-the obstacle.
+less by as much as leaves the pressure what it was (`simulation.obstacles.give_way`), and grows back
+at the speed RETURN where the cable gives way. Where it does not, being held or pushed out of two
+opposite sides, it grows slowly, and waits at last; its force is bounded. The gap then changes by
+n.dy and the growth, whose work p times growth is that of the obstacle.
 
 **Broad phase.** Groups of samples near an obstacle are found for many steps at once: until cable
 and obstacles have moved by `balance.contact_margin`.
@@ -99,8 +99,10 @@ JUMP = 0.05  # share of the reach that a step may move past an obstacle without 
 # cable is less than half of that, so half would already turn it round.
 KICK = 0.4
 RETURN = 0.2  # [m/s], at which an obstacle that has yielded pushes the cable out
-PRESSED = 0.2  # diameters that a cable may be inside what an obstacle that yields has left
-SHALLOW = 0.03  # diameters that a cable may be inside an obstacle that does not yield
+# Diameters that a cable may be inside what an obstacle that yields has left: at once, and where it
+# does not follow, being held, after RISE [s], as a sudden push would lever it out.
+EASY, PRESSED, RISE = 0.01, 0.2, 0.1
+SHALLOW = 0.03  # diameters that a cable may begin inside, and of what is not worth a word
 AHEAD = 16.0  # expected motions of a step that the margin of the broad phase allows for
 
 
@@ -189,26 +191,6 @@ def obstacles_move(cable):
         if moves(cable.inputs.obstacle[o]):
             return True
     return False
-
-
-@piece(float64, int64, int64, terms=CONTACT)
-def give_way(address, obstacle):
-    """Let an obstacle yield to the cable at the present configuration; returns by how much [m]."""
-    cable, o = cable_at(address), obstacle
-    contact, deepest = cable.contact, zero()
-    first = 0 if contact.core[o] == HALF_SPACE else contact.coarse
-    last = contact.coarse if contact.core[o] == HALF_SPACE else len(contact.first)
-    for g in range(first, last):
-        measure(cable, o, g, ENDED, cable.state.x)
-        gap = cable.work.measured[o, g, ENDED][DISTANCE] - contact.reach[o]
-        depth_ = where(fabs(contact.weight[g]), -gap, 0.0)
-        deepest = where(depth_ - deepest, depth_, deepest)
-    most = 0.0
-    for k in range(LANES):
-        most = max(most, lane(deepest, k))
-    cable.state.yielded[o, 1] = most if most > SHALLOW * contact.least_margin else 0.0
-    settle_yielding(cable, o, 1)
-    return cable.state.yielded[o, 1]
 
 
 @part
@@ -1027,8 +1009,13 @@ def begin(cable, t0, tau, way, x):
             known = cable.work.measured_known[o, int(cable.state.near[o, k])]
             known[BEGUN] = min(known[BEGUN], KNOWN)
         if cable.state.yielded[o, 0] > 0.0:
-            least = deepest_begun(cable, o, x) - PRESSED * cable.contact.least_margin
-            least = min(least, cable.state.yielded[o, 0])  # no further in, whatever pulls
+            thick, before = cable.contact.least_margin, cable.state.yielded[o, 0]
+            deepest = deepest_begun(cable, o, x)
+            out = cable.state.yielded[o, 2] - deepest  # in the last step
+            room = max(deepest - before + out, EASY * thick) + PRESSED * thick * tau / RISE
+            least = deepest - min(room, PRESSED * thick)
+            cable.state.yielded[o, 2] = deepest
+            least = min(least, before)  # no further in, whatever pulls
             cable.state.yielded[o, 1] = max(cable.state.yielded[o, 1], least)
 
 

@@ -63,6 +63,7 @@ def save_state(path: Path, state: Snapshot) -> None:
         "remainder": state.remainder,
         "needs": dataclasses.asdict(state.needs),
         "origin": state.origin.tolist(),
+        "step": state.step,
         "added": [dataclasses.asdict(obstacle) for obstacle in state.scene.added],
         "geometries": {
             name: [*(getattr(one, vector).tolist() for vector in _VECTORS), one.u]
@@ -154,6 +155,7 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
         numbers("inputs", inputs, (of_inputs,)),
         geometries,
         numbers("origin", head["origin"], (3,)),
+        number("step", head["step"]),
     )
 
 

@@ -252,3 +252,37 @@ def test_write_that_fails_keeps_what_was_there(ran, path, monkeypatch):
         save_state(path, ran.saved)
     assert path.read_bytes() == before
     assert [entry.name for entry in path.parent.iterdir()] == ["state"]
+
+
+def test_a_cable_lowered_onto_a_table_can_be_changed_and_goes_on(tmp_path):
+    """Where its gripper is now, and then where the scene has it, a straight cable would go through
+    the table.
+    """
+    above = {"start.position": [0.0, 0.0, 0.5], "end.position": [0.0, 0.0, 0.1]}
+    table = {"obstacles.names": ["table"], "obstacles.table.shape": "plane"}
+    down = {"start.tangent": [0.0, 0.0, -1.0], "damping.mass": 5.0, "cable.diameter": 0.01}
+    scene = scene_from_values(VALUES | above | table | down)
+    poses = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
+
+    def lower(session, begin_ns, duration_ns, first, last):
+        for now in range(begin_ns, begin_ns + duration_ns, 10 * MS):
+            height = first + (last - first) * (now - begin_ns) / duration_ns
+            session.receive("/pose", poses.encode(now, (0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0)), now)
+            session.tick(now)
+
+    session = Session(scene)
+    lower(session, T0, SECOND, 0.5, 0.2)
+    lower(session, T0 + SECOND, SECOND, 0.2, 0.2)
+    lying = session.simulator.control_points
+    assert (lying[:, 2] > 0.0).all()
+    session.reconfigure(scene.with_values({"damping.mass": 6.0}))
+    np.testing.assert_allclose(session.simulator.control_points, lying, atol=1e-9)
+    raised = {"obstacles.table.position": [0.0, 0.0, 0.11]}  # above where the scene has its end
+    session.reconfigure(session.scene.with_values(raised))
+    lower(session, T0 + 2 * SECOND, SECOND, 0.2, 0.2)
+    lying = session.simulator.control_points
+    save_state(tmp_path / "state", session.saved)
+    again = Session(session.scene, resume=load_state(tmp_path / "state", session.scene)[0])
+    lower(again, T0 + 5 * SECOND, 70 * MS, 0.2, 0.2)
+    assert dict(again.journal.events)["resumed"] == 1
+    np.testing.assert_allclose(again.simulator.control_points, lying, atol=2e-3)
