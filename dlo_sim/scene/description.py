@@ -1731,8 +1731,10 @@ def check_added(scene: Scene, obstacle: Obstacle) -> None:
     Raises:
         SceneError: as for an obstacle of a scene; it has the name of another one; poses move it.
     """
+    triangles = isinstance(obstacle.mesh, str) and obstacle.mesh.startswith(IN_TEXT)
     for row in parameters_of(obstacle, f"obstacles.{obstacle.name}."):
-        check_value(row, row.default)
+        if not (triangles and row.default is obstacle.mesh):  # no name, and longer than one
+            check_value(row, row.default)
     taken = set(scene.holders) | {one.name for one in scene.bodies}
     if obstacle.name in taken:
         raise refusal("obstacles", obstacle.name, "is there already; remove it before")

@@ -16,6 +16,7 @@ import numpy as np
 
 from dlo_sim.core import rotations
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.refusal import SceneError, one_line
 from dlo_sim.session.diagnostics import Journal
 from dlo_sim.session.gripper_path import (
     GripperPath,
@@ -406,7 +407,15 @@ class Drive:
             return self._factory(scene)
         from dlo_sim.simulation.simulator import Simulator  # imports the compiler
 
-        return Simulator.resumed(self._saved).reconfigured(scene)
+        try:
+            return Simulator.resumed(self._saved).reconfigured(scene)
+        except SceneError:
+            raise
+        except (TypeError, ValueError, ArithmeticError) as error:
+            raise SceneError(
+                f"state.save_to: nothing goes on from the saved state ({one_line(str(error))}); "
+                "remove the file"
+            ) from None
 
     def _told(self, now_ns: int) -> dict[str, bool]:
         """Grasp -> whether it should hold the cable, from the messages up to a time."""

@@ -306,6 +306,24 @@ class Cable:
 
     # -- state ----------------------------------------------------------------------------------
 
+    @property
+    def indices_fit(self) -> bool:
+        """Whether the state, which may be of a damaged file, names only what its arrays have."""
+        state, account, chain = self.arrays.state, self.account, self.arrays.chain
+        spans = len(chain.arc) ** 2
+        named = [
+            (account.near_spans, state.near_pair, spans),
+            (account.pairs, state.pair[0], spans * chain.segments**2),
+        ]
+        groups = len(self.arrays.contact.first)
+        named += [(n, row, groups) for n, row in zip(state.near_count, state.near, strict=True)]
+        on = (self.slides >= 0.0) & (self.slides <= self.model.knots[-1])
+        return bool(np.all(on | (self.slides == sliding.LOST))) and all(
+            0.0 <= count <= len(row)
+            and np.all((row[: int(count)] >= 0.0) & (row[: int(count)] < most))
+            for count, row, most in named
+        )
+
     def point_grasps(self, t: float) -> None:
         """Set the directions of the constraint rows to those of the grasps at time t."""
         self.call(between_steps.turn_to, t)

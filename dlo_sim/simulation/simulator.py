@@ -206,12 +206,15 @@ class Simulator:
         obstacles.
 
         Raises:
-            SceneError: a scene that cannot be simulated, in one line.
+            TypeError: not a snapshot. ValueError: its numbers are none of a cable.
         """
+        arguments.instance("snapshot", snapshot, Snapshot, "from Simulator.snapshot")
         held = moved(snapshot.geometries, snapshot.origin)
         poses = {name: (one.position, one.orientation) for name, one in held.items()}
         found = cls(replace(snapshot.scene, added=()), poses, unchecked_step=True, continues=True)
         found.restore(snapshot)
+        if not (found.cable.indices_fit and math.isfinite(found.cable.present_energy())):
+            raise ValueError("snapshot: its numbers do not fit; give one of Simulator.snapshot")
         return found
 
     # -- what it is -------------------------------------------------------------------------------
@@ -1288,6 +1291,8 @@ class Simulator:
         other = Simulator(replace(scene.with_values(tangents), added=()), poses, continues=True)
         other.scene, other.resolution = replace(scene, added=()), resolution
         other.take_over(self)
+        if not math.isfinite(other.cable.account.energy_start):
+            raise ValueError("scene: the present shape and motion have no finite energy in it")
         return other
 
     def take_over(self, other: Simulator) -> None:
