@@ -50,6 +50,7 @@ _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 LEAST_STEP = 1e-9  # [s]; 0 = chosen automatically
 LEAST_DENSITY = 1e-15  # [kg/m], of the least diameter and density allowed
 LEAST_QUATERNION = 1e-3  # norm below which an orientation is refused
+LEAST_SIZE = 1e-9  # [m], of an obstacle
 _LARGEST_STRETCH = 2.0  # distance of held ends, in lengths, above which it is surely a mistake
 
 Conflicts = Iterator[tuple[str, object, str]]
@@ -289,7 +290,7 @@ class Contact:
             earth gravity a cable penetrates a plane by a thousandth of its diameter, and another
             obstacle that all of it hangs over by at most a hundredth.
         damping: Share of critical damping of what touches: 0 = it bounces; auto (-1) = 0.3, or 0
-            with methods that cannot dissipate in contact (rattle, energy_momentum_4).
+            with rattle, which cannot dissipate in contact.
         friction: Coefficient of friction of the cable on itself, and on obstacles that have none of
             their own.
         markers: Largest number of obstacles that markers on ~/obstacles add while the node runs;
@@ -1204,6 +1205,7 @@ IMPLICIT_METHODS = ("auto", *IMPLICIT)  # values with which steps may be implici
 FORWARD = ("energy_momentum", "implicit_midpoint")  # implicit, without negative sub-steps
 LOSSY = (*FORWARD, *EXPLICIT)
 SINGLE = (*FORWARD, "velocity_verlet", "rk4", "zhai", "rattle")
+TOUCHING = (*FORWARD, *EXPLICIT, "rattle")  # that see what touches
 
 
 @dataclass(frozen=True)
@@ -1307,6 +1309,13 @@ RESTRICTIONS = (
         "contact.damping",
         lambda scene: max(scene.contact.damping, 0.0) if scene.touches else 0.0,
         why=_BOUNCING,
+    ),
+    Restriction(
+        TOUCHING,
+        "terms.contact",
+        lambda scene: scene.terms.contact if scene.touches else "",
+        off="off",
+        why=", since its negative sub-steps may pass through obstacles",
     ),
     Restriction(
         FORWARD,
@@ -1708,8 +1717,12 @@ def _obstacles(obstacles: tuple[Obstacle, ...], grasps: set[str], diameter: floa
             yield f"obstacles.{obstacle.name}.mesh", obstacle.mesh, problem
         used = {"plane": 0, "mesh": 0, "sphere": 1, "ring": 2}.get(obstacle.shape, 3)
         key = f"obstacles.{obstacle.name}.size"
-        if 0.0 in obstacle.size[:used]:
-            problem = f"has a zero that a {obstacle.shape} needs; give its extents, or remove it"
+        least = min(obstacle.size[:used], default=LEAST_SIZE)
+        if least < LEAST_SIZE:
+            what = f"{least:g} m where a {obstacle.shape} needs more"
+            if least == 0.0:
+                what = f"a zero that a {obstacle.shape} needs"
+            problem = f"has {what}; give its extents, or remove it"
             yield key, obstacle.size, problem
         elif obstacle.shape in ("ring", "channel") and obstacle.size[0] <= diameter:
             problem = (

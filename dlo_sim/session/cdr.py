@@ -198,7 +198,7 @@ def _decode_markers(raw: Bytes, most: int) -> Stamped:
         lifetime_ns = m.lifetime.sec * _NANO + m.lifetime.nanosec
         name, scale = f"{m.ns}/{m.id}", _vector_of(m.scale)
         points = tuple(map(_vector_of, m.points)) if m.type == TRIANGLE_LIST else ()
-        marker = Marker(frame_id, name, m.type, m.action, pose, scale, max(lifetime_ns, 0), points)
+        marker = Marker(frame_id, name, m.type, m.action, pose, scale, lifetime_ns, points)
         found.append((stamp_ns, marker))
     if not found:
         raise DecodeError("the array holds no markers")

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.engine import distance_field
-from dlo_sim.scene.description import IN_MEMORY, IN_TEXT, Obstacle
+from dlo_sim.scene.description import IN_MEMORY, IN_TEXT, Obstacle, Scene
 from dlo_sim.scene.loading import SceneError
 
 Array = NDArray[np.float64]
@@ -76,6 +76,16 @@ def keep_triangles(triangles: Array) -> str:
     name = IN_MEMORY + hashlib.sha256(given.tobytes()).hexdigest()[:16]
     _kept[name] = given
     return name
+
+
+def kept_of(scene: Scene) -> dict[str, Array]:
+    """The triangles that are kept for the obstacles of a scene, for `keep_also`."""
+    return {one.mesh: _kept[one.mesh] for one in scene.bodies if one.mesh in _kept}
+
+
+def keep_also(kept: dict[str, Array]) -> None:
+    """Keep what another process keeps, from `kept_of`."""
+    _kept.update(kept)
 
 
 def as_text(triangles: Array) -> str:

@@ -334,5 +334,6 @@ def test_a_state_that_names_what_is_not_there_is_refused(beside, damage):
     {"count": state.near_count, "number": state.near, "height": state.x}[damage][0] = 1e300
     spoilt = beside.snapshot()
     beside.restore(snapshot)
-    with pytest.raises(SceneError, match=r"state.save_to: nothing goes on from .*; remove the file"):
+    line = r"state.save_to: nothing goes on from .*; remove the file"
+    with pytest.raises(SceneError, match=line):
         Session(beside.scene, resume=spoilt)

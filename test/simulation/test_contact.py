@@ -181,6 +181,11 @@ def test_what_cannot_be_touched_is_refused():
         falling({"obstacles.table.shape": "cone"})
     with pytest.raises(SceneError, match="obstacles.table.size: .* has a zero that a box needs"):
         falling({"obstacles.table.shape": "box", "obstacles.table.size": [1.0, 0.0, 1.0]})
+    with pytest.raises(SceneError, match="has 4.94066e-324 m where a box needs more; give"):
+        falling({"obstacles.table.shape": "box", "obstacles.table.size": [1.0, 5e-324, 1.0]})
+    backwards = "terms.contact auto, since its negative sub-steps may pass .*; use energy_momentum,"
+    with pytest.raises(SceneError, match=backwards):
+        falling({}, method="energy_momentum_4")
     for method in ("rattle", "energy_momentum_4"):
         with pytest.raises(SceneError, match="friction of obstacle table, since its steps cannot"):
             falling({"obstacles.table.friction": 0.3}, method=method)
