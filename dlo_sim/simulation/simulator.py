@@ -1277,7 +1277,11 @@ class Simulator:
 
         Loads are those of the scene; `set_load` must be called again. Building takes time: if this
         simulator has advanced meanwhile, let the new one `take_over` its state. Control points and
-        knots that the scene leaves open are those of this simulator.
+        knots that the scene leaves open are those of this simulator. Obstacles, and strands, yield
+        until they press the cable no more than before.
+
+        Raises:
+            ValueError: the scene cannot be simulated, or the state has no finite energy in it.
         """
         arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
         scene, resolution = resolved(continued(scene, self.scene))
