@@ -303,7 +303,8 @@ class State(Group):
     natural = Lanes("curved_blocks", "samples", 4)  # weight EI kappa0 (3), rest twist [rad/m]
     plastic = Lanes("plastic_blocks", "samples", 9)  # curvature; tangent, curvature before
     pose = Reals("obstacles", 36)  # at the start, the middle and the end of a step (`contact`)
-    yielded = Reals("obstacles", 2)  # less reach at the start and the end of a step [m]
+    # Less reach at the start and the end of a step, and how deep the cable was one step before [m].
+    yielded = Reals("obstacles", 3)
     near_count = Reals("obstacles")
     near = Reals("obstacles", "groups")  # so many groups of samples that may touch the obstacle
     bristle = Lanes("obstacles", "groups", 3)  # friction that sticks, in its frame [m]

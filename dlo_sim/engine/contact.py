@@ -44,10 +44,10 @@ the moment - l.f per length (`engine.rolling`). Without that, friction acts on t
 of friction along the cable, which bends it, is left out.
 
 **Jumps.** An obstacle that jumps into the cable would fling it out. It yields instead: its reach is
-less by as much as the cable is inside, and grows back at the speed RETURN where the cable gives
-way. Where it cannot, being held or pushed out of two opposite sides, the obstacle waits, and its
-force is bounded. The gap then changes by n.dy and the growth, whose work p times growth is that of
-the obstacle.
+less by as much as leaves the pressure what it was (`simulation.obstacles.give_way`), and grows back
+at the speed RETURN where the cable gives way. Where it does not, being held or pushed out of two
+opposite sides, it grows slowly, and waits at last; its force is bounded. The gap then changes by
+n.dy and the growth, whose work p times growth is that of the obstacle.
 
 **Broad phase.** Groups of samples near an obstacle are found for many steps at once: until cable
 and obstacles have moved by `balance.contact_margin`.
@@ -98,8 +98,10 @@ TINY = 1e-30
 SMOOTH = 1e-18  # [m^2], of a motion of 1e-9 m, below which n needs no directional part
 JUMP = 0.05  # share of the reach that a step may move past an obstacle without a look at normals
 RETURN = 0.2  # [m/s], at which an obstacle that has yielded pushes the cable out
-PRESSED = 0.2  # diameters that a cable may be inside what an obstacle that yields has left
-SHALLOW = 0.03  # diameters that a cable may be inside an obstacle that does not yield
+# Weights of the cable on earth with which what an obstacle that yields has left may press it: at
+# once, and where it does not follow, being held, after RISE [s], as a sudden push would lever it out.
+EASY, PRESSED, RISE, EARTH = 10.0, 200.0, 0.1, 9.81
+SHALLOW = 0.03  # diameters that a cable may begin inside, and of what is not worth a word
 STOP = 1e2  # penalty for other velocities than those after contact, in linear densities
 SAME = 1e-3  # change of an impulse of friction, in its limit, that counts as none
 AHEAD = 16.0  # expected motions of a step that the margin of the broad phase allows for
@@ -190,26 +192,6 @@ def obstacles_move(cable):
         if moves(cable.inputs.obstacle[o]):
             return True
     return False
-
-
-@piece(float64, int64, int64, terms=CONTACT)
-def give_way(address, obstacle):
-    """Let an obstacle yield to the cable at the present configuration; returns by how much [m]."""
-    cable, o = cable_at(address), obstacle
-    contact, deepest = cable.contact, zero()
-    first = 0 if contact.core[o] == HALF_SPACE else contact.coarse
-    last = contact.coarse if contact.core[o] == HALF_SPACE else len(contact.first)
-    for g in range(first, last):
-        measure(cable, o, g, ENDED, cable.state.x)
-        gap = cable.work.measured[o, g, ENDED][DISTANCE] - contact.reach[o]
-        depth_ = where(fabs(contact.weight[g]), -gap, 0.0)
-        deepest = where(depth_ - deepest, depth_, deepest)
-    most = 0.0
-    for k in range(LANES):
-        most = max(most, lane(deepest, k))
-    cable.state.yielded[o, 1] = most if most > SHALLOW * contact.least_margin else 0.0
-    settle_yielding(cable, o, 1)
-    return cable.state.yielded[o, 1]
 
 
 @part
@@ -1196,8 +1178,14 @@ def begin(cable, t0, tau, way, x):
             known = cable.work.measured_known[o, int(cable.state.near[o, k])]
             known[BEGUN] = min(known[BEGUN], KNOWN)
         if cable.state.yielded[o, 0] > 0.0:
-            least = deepest_begun(cable, o, x) - PRESSED * cable.contact.least_margin
-            least = min(least, cable.state.yielded[o, 0])  # no further in, whatever pulls
+            laid = EARTH * cable.contact.density / cable.contact.law[o, STIFFNESS]
+            before = cable.state.yielded[o, 0]
+            deepest = deepest_begun(cable, o, x)
+            out = cable.state.yielded[o, 2] - deepest  # in the last step
+            room = max(deepest - before + out, EASY * laid) + PRESSED * laid * tau / RISE
+            least = deepest - min(room, PRESSED * laid)
+            cable.state.yielded[o, 2] = deepest
+            least = min(least, before)  # no further in, whatever pulls
             cable.state.yielded[o, 1] = max(cable.state.yielded[o, 1], least)
 
 

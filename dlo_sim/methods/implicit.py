@@ -877,9 +877,9 @@ def try_step(cable, method, t0, tau, whole, level):
         if converged or iterations == MAX_ITERATIONS:
             break
         iterations += 1
-        # Where a correction changes what touches or slides, the residual along it says nothing: a wall
-        # that it runs into pushes back at once. Such corrections are taken whole, as in a method of
-        # active sets, and halved where they go round in circles.
+        # Where a correction changes what touches or slides, the residual along it says nothing: a
+        # wall that it runs into pushes back at once. Such corrections are taken whole, as in a
+        # method of active sets, and halved where they go round in circles.
         changed = known > 0 and work.results.touched != touched and iterations <= HALVED
         if changed and iterations > WHOLE and share == 1.0:
             share = 0.5

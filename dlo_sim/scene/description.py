@@ -52,6 +52,7 @@ LEAST_STEP = 1e-9  # [s]; 0 = chosen automatically
 LEAST_DENSITY = 1e-15  # [kg/m], of the least diameter and density allowed
 LEAST_CELLS = 8  # of a mesh's field
 LEAST_QUATERNION = 1e-3  # norm below which an orientation is refused
+LEAST_SIZE = 1e-9  # [m], of an obstacle
 _LARGEST_STRETCH = 2.0  # distance of held ends, in lengths, above which it is surely a mistake
 
 Conflicts = Iterator[tuple[str, object, str]]
@@ -1742,8 +1743,12 @@ def _obstacles(obstacles: tuple[Obstacle, ...], grasps: set[str], diameter: floa
             yield f"obstacles.{obstacle.name}.mesh_cells", obstacle.mesh_cells, problem
         used = {"plane": 0, "mesh": 0, "sphere": 1, "ring": 2}.get(obstacle.shape, 3)
         key = f"obstacles.{obstacle.name}.size"
-        if 0.0 in obstacle.size[:used]:
-            problem = f"has a zero that a {obstacle.shape} needs; give its extents, or remove it"
+        least = min(obstacle.size[:used], default=LEAST_SIZE)
+        if least < LEAST_SIZE:
+            what = f"{least:g} m where a {obstacle.shape} needs more"
+            if least == 0.0:
+                what = f"a zero that a {obstacle.shape} needs"
+            problem = f"has {what}; give its extents, or remove it"
             yield key, obstacle.size, problem
         elif obstacle.shape in ("ring", "channel") and obstacle.size[0] <= diameter:
             problem = (
@@ -1765,8 +1770,10 @@ def check_added(scene: Scene, obstacle: Obstacle) -> None:
     Raises:
         SceneError: as for an obstacle of a scene; it has the name of another one; poses move it.
     """
+    triangles = isinstance(obstacle.mesh, str) and obstacle.mesh.startswith(IN_TEXT)
     for row in parameters_of(obstacle, f"obstacles.{obstacle.name}."):
-        check_value(row, row.default)
+        if not (triangles and row.default is obstacle.mesh):  # no name, and longer than one
+            check_value(row, row.default)
     taken = set(scene.holders) | {one.name for one in scene.bodies}
     if obstacle.name in taken:
         raise refusal("obstacles", obstacle.name, "is there already; remove it before")

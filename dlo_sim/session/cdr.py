@@ -210,7 +210,7 @@ def _decode_markers(raw: Bytes, most: int) -> Stamped:
         pose = *_vector_of(m.pose.position), *_quaternion_of(m.pose.orientation)
         lifetime_ns = m.lifetime.sec * _NANO + m.lifetime.nanosec
         name, scale = f"{m.ns}/{m.id}", _vector_of(m.scale)
-        marker = Marker(frame_id, name, m.type, m.action, pose, scale, max(lifetime_ns, 0), points)
+        marker = Marker(frame_id, name, m.type, m.action, pose, scale, lifetime_ns, points)
         found.append((stamp_ns, marker))
     if not found:
         raise DecodeError("the array holds no markers")

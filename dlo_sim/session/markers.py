@@ -26,7 +26,7 @@ import numpy as np
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.one_rotation import Quaternion, Vector, normalized, turn_between
-from dlo_sim.scene.description import Obstacle, Scene
+from dlo_sim.scene.description import LEAST_SIZE, Obstacle, Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import Journal, Refused
 from dlo_sim.session.time_base import SECOND
@@ -86,8 +86,11 @@ def change_of(marker: cdr.Marker, radius: float) -> Change:
     if shape is None:
         known = "CUBE (1), SPHERE (2), CYLINDER (3) or TRIANGLE_LIST (11)"
         raise _bad(f"type {marker.kind} is no obstacle; give {known}")
-    if not 0.0 < min(x, y, z) <= max(x, y, z) <= _LARGEST:
-        raise _bad(f"scale {cdr.shown(marker.scale)}; give lengths above 0 m, up to {_LARGEST:g} m")
+    if not LEAST_SIZE <= min(x, y, z) <= max(x, y, z) <= _LARGEST:
+        limits = f"of {LEAST_SIZE:g} to {_LARGEST:g} m"
+        raise _bad(f"scale {cdr.shown(marker.scale)}; give lengths {limits}")
+    if marker.lifetime_ns < 0:
+        raise _bad(f"lifetime {marker.lifetime_ns / SECOND:g} s; give 0 for one that stays")
     alike = {"sphere": (x, y, z), "cylinder": (x, y)}.get(shape, (x,))
     if max(alike) - min(alike) > ROUND * max(alike):
         raise _bad(f"scale {cdr.shown(marker.scale)} of a {shape} that is not round; give it round")

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.engine import distance_field
-from dlo_sim.scene.description import IN_MEMORY, IN_TEXT, Obstacle
+from dlo_sim.scene.description import IN_MEMORY, IN_TEXT, Obstacle, Scene
 from dlo_sim.scene.loading import SceneError
 
 Array = NDArray[np.float64]
@@ -105,6 +105,16 @@ def keep_triangles(triangles: Array) -> str:
     name = IN_MEMORY + hashlib.sha256(given.tobytes()).hexdigest()[:16]
     _kept[name] = given
     return name
+
+
+def kept_of(scene: Scene) -> dict[str, Array]:
+    """The triangles that are kept for the obstacles of a scene, for `keep_also`."""
+    return {one.mesh: _kept[one.mesh] for one in scene.bodies if one.mesh in _kept}
+
+
+def keep_also(kept: dict[str, Array]) -> None:
+    """Keep what another process keeps, from `kept_of`."""
+    _kept.update(kept)
 
 
 def as_text(triangles: Array) -> str:
@@ -358,7 +368,8 @@ def _numbered(values: NDArray[np.int64]) -> NDArray[np.int64]:
 
 class Grid:
     """The grid of a field around triangles (k, 3, 3) [m]: `cells` along the longest side of their
-    box, 0 = `chosen_cells`, but none smaller than FINEST of the radius [m] of the cable, for which there is a border.
+    box, 0 = `chosen_cells`, but none smaller than FINEST of the radius [m] of the cable, for which
+    there is a border.
 
     Attributes:
         shape: number of points by axis. numbers: `distance_field.ORIGIN` to HIGH.

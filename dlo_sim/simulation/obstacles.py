@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from enum import StrEnum
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -33,6 +34,11 @@ from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.meshes import Field, field_of, triangles_of
 
 Array = NDArray[np.float64]
+Pressure = tuple[Array, Array]
+"""Places on the cable as shares of its length, rising, and force per length there [N/m]; linear
+between them."""
+UNTOUCHED: Pressure = np.zeros(1), np.zeros(1)
+ROUNDED = 1e-9  # diameters by which an obstacle yields that are round-off
 PLANE_SAMPLES = 2  # of a knot span, that planes touch
 STRETCHED = 1.1  # lengths that a cable reaches
 PLACES = 101  # of the cable that are checked for being inside obstacles
@@ -332,22 +338,15 @@ def contact_with(
         number: of the obstacle. pose: position [m] and quaternion of it, world frame, needed of
             rings and channels (GUIDES). tension: [N] at material coordinates [m]; None = not known.
     """
-    model, group = cable.model, cable.arrays.contact
-    rows = np.zeros((len(group.first), 4 * LANES))
-    cable.call(contact.report, number, rows)
-    coarse, fine = by_span(rows.reshape(-1, LANES, 4), group.coarse, model.n - bspline.DEGREE)
-    flat = group.core[number] == contact.HALF_SPACE
-    samples = coarse if flat else fine
-    rule = rule_of(tuple(model.knots.tolist()), 0 if flat else group.pieces, group.radius)
-    there = rule.weights != 0.0
-    found, u = samples[there], rule.places(bspline.breaks(model.knots))[there]
+    model = cable.model
+    u, weights, found = _samples(cable, number)
     touches = np.any(found[:, 1:] != 0.0, axis=1)
     forces = np.zeros((int(touches.sum()), 3))
     forces[:, list(model.axes)] = found[touches, 1 : 1 + len(model.axes)]
     points = np.zeros((0, 3))
     if len(forces):
         points = bspline.evaluate(cable.points[:, :3], model.knots, u[touches]) + model.origin
-    sizes = np.linalg.norm(forces, axis=1) / rule.weights[there][touches]
+    sizes = np.linalg.norm(forces, axis=1) / weights[touches]
     return Contact(
         clearance=float(found[:, 0].min()),
         force=forces.sum(axis=0),
@@ -358,6 +357,48 @@ def contact_with(
         passes=passes(cable, obstacle, pose) if pose else np.zeros(0),
         tensions=tensions_beside(model.knots, u[touches], tension),
     )
+
+
+def _samples(cable: Cable, number: int) -> tuple[Array, Array, Array]:
+    """Material coordinates [m], rising, and weights [m] of the samples that may touch an obstacle,
+    and their gaps [m] and forces (`engine.contact.report`), shape (k, 4).
+    """
+    model, group = cable.model, cable.arrays.contact
+    rows = np.zeros((len(group.first), 4 * LANES))
+    cable.call(contact.report, number, rows)
+    coarse, fine = by_span(rows.reshape(-1, LANES, 4), group.coarse, model.n - bspline.DEGREE)
+    flat = group.core[number] == contact.HALF_SPACE
+    rule = rule_of(tuple(model.knots.tolist()), 0 if flat else group.pieces, group.radius)
+    there = rule.weights != 0.0
+    u = rule.places(bspline.breaks(model.knots))[there]
+    return u, rule.weights[there], (coarse if flat else fine)[there]
+
+
+def pressure_by(cable: Cable, number: int) -> Pressure:
+    """Pressure of an obstacle on the cable at rest in the present configuration."""
+    u, _, rows = _samples(cable, number)
+    depth = np.maximum(-rows[:, 0] - cable.arrays.state.yielded[number, 1], 0.0)
+    stiff = cable.arrays.contact.law[number, contact.STIFFNESS]
+    return u / cable.model.knots[-1], stiff * depth
+
+
+def give_way(cable: Cable, number: int, kept: Pressure, let_be: float = 0.0) -> float:
+    """Let an obstacle yield until it presses no place of the cable more than `kept`, so that what
+    has changed stores no energy that would fling the cable out; returns by how much more [m].
+
+    Args:
+        let_be: pressure [N/m] up to which it does not yield, if the cable is SHALLOW inside.
+    """
+    u, _, rows = _samples(cable, number)
+    group = cable.arrays.contact
+    stiff, thick = group.law[number, contact.STIFFNESS], group.least_margin
+    depth = -rows[:, 0] - np.interp(u / cable.model.knots[-1], *kept) / stiff
+    most = float(depth.max())
+    least = max(min(let_be / stiff, contact.SHALLOW * thick), ROUNDED * thick)
+    yielded = most if most > least else 0.0
+    before = float(cable.arrays.state.yielded[number, 1])
+    cable.arrays.state.yielded[number] = yielded, yielded, -rows[:, 0].min()
+    return yielded - before
 
 
 def tension_along(scene: Scene, cable: Cable) -> Callable[[Array], Array] | None:
@@ -441,18 +482,32 @@ def mesh_warning(scene: Scene) -> str:
     return ""
 
 
-def overlap_warning(name: str, jumped: bool, count: int, depth: float) -> str:
-    """One line about an obstacle that jumped into the cable, or in which the cable began."""
-    times = "once" if count == 1 else f"{count} times"
-    what = f"jumped into the cable {times}, by {depth:.3g} m at most"
-    cure = "move it by a motion or small steps"
-    if not jumped:
-        what = f"the cable began {depth:.3g} m inside it"
-        cure = "move it, or the cable's ends"
-    return (
-        f"obstacles.{name}: {what}; it yields and pushes the cable out at {contact.RETURN:g} m/s: "
-        f"{cure}"
+class Overlap(StrEnum):
+    """How an obstacle came into the cable; the value is the warning that says so."""
+
+    BEGAN = "the cable began {depth:.3g} m inside it; {yields}: move it, or the cable's ends"
+    JUMPED = (
+        "jumped into the cable {times}, by {depth:.3g} m at most; {yields}: move it by a motion or "
+        "small steps"
     )
+    CHANGED = (
+        "changed parameters pressed the cable into it {times}, by {depth:.3g} m at most; {yields}: "
+        "change them in small steps"
+    )
+
+    @property
+    def notable(self) -> float:
+        """Depth in diameters above which the warning is given: a cable may begin with its axis on
+        a surface.
+        """
+        return 0.5 if self is Overlap.BEGAN else contact.SHALLOW
+
+
+def overlap_warning(name: str, how: Overlap, count: int, depth: float) -> str:
+    """One line about an obstacle that came into the cable."""
+    times = "once" if count == 1 else f"{count} times"
+    yields = f"it yields and pushes the cable out at {contact.RETURN:g} m/s"
+    return f"obstacles.{name}: " + how.format(times=times, depth=depth, yields=yields)
 
 
 def depth_warning(scene: Scene, count: float) -> str:

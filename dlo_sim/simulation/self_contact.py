@@ -279,8 +279,9 @@ def warnings(scene: Scene, cable: Cable, found: Contact | None, finer: str) -> I
     if account.overlap:
         side = ", maybe to the wrong side" if account.overlap > DEEP * diameter else ""
         yield (
-            f"contact.self: the cable began up to {account.overlap:.3g} m inside itself, and is "
-            f"pushed out at {RETURN:g} m/s{side}; begin with its strands apart"
+            f"contact.self: the cable began up to {account.overlap:.3g} m inside itself, or came "
+            f"there by changed parameters, and is pushed out at {RETURN:g} m/s{side}; begin with "
+            "its strands apart, or change them in small steps"
         )
     # Between segments: where they bend, the surface of the cable is further in (METHODS.md).
     deep = -float(cable.strands()[:, 0].min(initial=0.0)) - account.pair_yield

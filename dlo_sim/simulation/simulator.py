@@ -26,7 +26,7 @@ from dlo_sim.engine.arrays import ENERGIES, MATERIAL, SLIDING, TORSION
 from dlo_sim.engine.frames import curve_frames
 from dlo_sim.engine.grasps import ACTIVE, DURATION, POSITION, START
 from dlo_sim.engine.sliding import LOST
-from dlo_sim.scene.description import Grasp, Obstacle, Scene, check_added
+from dlo_sim.scene.description import EARTH, Grasp, Obstacle, Scene, check_added
 from dlo_sim.scene.needs import (
     Needs,
     check_terms,
@@ -91,18 +91,19 @@ from dlo_sim.simulation.stepper import Stepper
 from dlo_sim.simulation.waiting_motions import Waiting, WaitingMotions
 
 Array = NDArray[np.float64]
-Overlaps = dict[tuple[str, bool], tuple[int, float]]
-"""Obstacle that was inside the cable, whether it jumped -> how often, how deep at most [m]."""
+Overlaps = dict[tuple[str, obstacles.Overlap], tuple[int, float]]
+"""Obstacle that was inside the cable, how it came there -> how often, how deep at most [m]."""
 Basis = tuple[NDArray[np.int64], Array, Array]
 CHUNK = 4096  # steps of a long advance after which the state is kept in case of a failure
 NOTABLE = 1e4  # energy exchanged, in floors of the account: as of a motion by 1e-4 lengths a second
+LIGHT = 20.0  # weights of the cable that an obstacle in which it begins may press it with
 MOST_BASES = 16  # sets of material coordinates whose basis values are kept
 
 
 @dataclass(frozen=True)
 class Snapshot:
     """Everything that `Simulator.restore` needs to continue bit for bit. State, inputs and
-    geometries are relative to `origin`, shape (3,) [m].
+    geometries are relative to `origin`, shape (3,) [m]; `step` [s] is that of `steps`.
     """
 
     scene: Scene
@@ -113,6 +114,7 @@ class Snapshot:
     inputs: Array
     geometries: Geometries
     origin: Array
+    step: float
     waiting: Waiting = field(default_factory=dict)
     overlaps: Overlaps = field(default_factory=dict)
 
@@ -130,7 +132,7 @@ class Simulator:
         end_poses: poses of end effectors and obstacles at time 0, {"start": (position [m] (3,),
             quaternion x, y, z, w (4,)), ...}; the others have the poses of the scene.
         unchecked_step: use integrator.step even above the stability limit (to study stability).
-        continues: `take_over` follows, so a start inside itself is not refused.
+        continues: `take_over` or `restore` follows, so no first shape is looked for, nor refused.
 
     For an argument of a wrong type or value, every method raises a TypeError or ValueError of one
     line that names the cure, and leaves the state unchanged.
@@ -162,16 +164,14 @@ class Simulator:
         geometries = geometries_of(scene, poses)
         self._origin = origin_of(geometries)
         self._geometries: Geometries = moved(geometries, -self._origin)
-        model = build_model(scene, needs, self._geometries, origin=self._origin)
-        self.cable = Cable(model)
-        self._greville = bspline.greville(model.knots)
+        self.cable = Cable(build_model(scene, needs, self._geometries, origin=self._origin))
+        self._greville = bspline.greville(self.model.knots)
         self._frame_axis = np.eye(3)[np.argmin(np.abs(self._geometries["start"].tangent))]
-        self._ends = EndDrive(scene, self._geometries, model.knots)
+        self._ends = EndDrive(scene, self._geometries, self.model.knots)
         self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
         self._bases: dict[bytes, Basis] = {}
         self._steps, self._remainder = 0, 0.0
         self._later = WaitingMotions()  # of obstacles
-        # Obstacle and whether it jumped -> how often it came into the cable, how deep at most.
         self._overlaps: Overlaps = {}
         self._fill_loads()
         for name in bodies & set(given):
@@ -179,7 +179,7 @@ class Simulator:
         self._hold_cable()
         self._shape_naturally()
         lay = self._lay_natural_shape if self._natural.follows else None
-        place(scene, self._geometries, self._ends, self.cable, lay)
+        resting = place(scene, self._geometries, self._ends, self.cable, lay, continues)
         if not continues:
             held = [one.u for one in self._geometries.values() if one.u is not None]
             self_contact.check_start(scene, self.cable, held)
@@ -189,14 +189,33 @@ class Simulator:
         self._needs = needs.stepped(self.choice.method.family == IMPLICIT)
         self._stepper = Stepper(scene, self.cable, self.choice.method, self.choice.step)
         self._look_every = steps_between_looks(self.choice.step, self._stepper.check_every)
-        self._give_way(one.name for one in self.scene.bodies)
+        if not resting:
+            self._give_way(let_be=LIGHT * scene.cable.mu * EARTH)
         self.cable.open_account(self.scene)
         started = time.perf_counter()
         self._stepper.advance(0, 0)  # no tick must have to compile this or the next line
-        unexplained_stretch(model, self.cable.points, self._ends)
+        unexplained_stretch(self.model, self.cable.points, self._ends)
         self._initial = self.snapshot()
         self._load_ahead()
         self.compile_seconds = time.perf_counter() - started
+
+    @classmethod
+    def resumed(cls, snapshot: Snapshot) -> Simulator:
+        """A simulator that goes on from a snapshot of another process, whatever has happened since
+        the start to what holds the cable; its scene is that of the snapshot without added
+        obstacles.
+
+        Raises:
+            TypeError: not a snapshot. ValueError: its numbers are none of a cable.
+        """
+        arguments.instance("snapshot", snapshot, Snapshot, "from Simulator.snapshot")
+        held = moved(snapshot.geometries, snapshot.origin)
+        poses = {name: (one.position, one.orientation) for name, one in held.items()}
+        found = cls(replace(snapshot.scene, added=()), poses, unchecked_step=True, continues=True)
+        found.restore(snapshot)
+        if not (found.cable.indices_fit and math.isfinite(found.cable.present_energy())):
+            raise ValueError("snapshot: its numbers do not fit; give one of Simulator.snapshot")
+        return found
 
     # -- what it is -------------------------------------------------------------------------------
 
@@ -783,11 +802,12 @@ class Simulator:
             TypeError, ValueError: no obstacle, or not a pose.
         """
         motion = EndMotion.resting(position, orientation, self.time)
+        kept = {one: found for one, found in self._pressures.items() if one == name}
         self.cable.settle(self.time)
         before = self.cable.present_energy()
         self.move_obstacle(name, motion)
         self.cable.place_obstacles(self.time)
-        self._give_way([name], jumped=True)
+        self._give_way(kept, obstacles.Overlap.JUMPED)
         self.cable.account.drive_work += self.cable.present_energy() - before
 
     def move_obstacle(self, name: str, motion: EndMotion) -> None:
@@ -873,7 +893,7 @@ class Simulator:
             raise ValueError("obstacles: terms.contact is off; set it to auto")
         obstacles.fields_of(scene)  # refuses a mesh while nothing is changed
         self.cable.settle(self.time)
-        before = self.cable.present_energy()
+        before, kept = self.cable.present_energy(), self._pressures
         self.scene, needs = scene, self._needs.with_contact(bool(scene.bodies) and scene.touches)
         place = self._geometries["start"].attachment + self._origin
         for axis in {0, 1, 2} - set(needs.axes):
@@ -882,7 +902,8 @@ class Simulator:
         for one in known ^ set(scene.bodies):
             self._later.drop(one.name)
         self._activate(needs, self._geometries)
-        self._give_way(one.name for one in set(scene.bodies) - known)
+        new = (one.name for one in set(scene.bodies) - known)
+        self._give_way({name: kept.get(name, obstacles.UNTOUCHED) for name in new})
         self.cable.account.drive_work += self.cable.present_energy() - before
 
     @property
@@ -910,16 +931,34 @@ class Simulator:
         pose = self.end_pose(name) if body.shape in obstacles.GUIDES else None
         return obstacles.contact_with(self.cable, number, body, pose, tension)
 
-    def _give_way(self, names: Iterable[str], jumped: bool = False) -> None:
-        """Let obstacles of these names yield that are inside the cable; count them."""
-        given = set(names)
-        for number, obstacle in enumerate(self.scene.bodies if "contact" in self._needs else ()):
-            if obstacle.name in given:
-                depth = self.cable.give_way(number)
-                if depth > 0.5 * self.scene.cable.diameter:
-                    key = obstacle.name, jumped
-                    count, most = self._overlaps.get(key, (0, 0.0))
-                    self._overlaps[key] = count + 1, max(most, depth)
+    @property
+    def _touchable(self) -> tuple[str, ...]:
+        """Names of the obstacles that the cable can touch, in the order of their numbers."""
+        return tuple(one.name for one in self.scene.bodies) if "contact" in self._needs else ()
+
+    @property
+    def _pressures(self) -> dict[str, obstacles.Pressure]:
+        """By which pressure each obstacle presses the cable now."""
+        names = self._touchable
+        return {name: obstacles.pressure_by(self.cable, k) for k, name in enumerate(names)}
+
+    def _give_way(
+        self,
+        kept: Mapping[str, obstacles.Pressure] | None = None,
+        how: obstacles.Overlap = obstacles.Overlap.BEGAN,
+        let_be: float = 0.0,
+    ) -> None:
+        """Let obstacles `give_way` that press the cable more than `kept`, by name; count them.
+        Default: all, from no pressure.
+        """
+        diameter = self.scene.cable.diameter
+        kept = dict.fromkeys(self._touchable, obstacles.UNTOUCHED) if kept is None else kept
+        for number, name in enumerate(self._touchable):
+            if name in kept:
+                depth = obstacles.give_way(self.cable, number, kept[name], let_be)
+                if depth > how.notable * diameter:
+                    count, most = self._overlaps.get((name, how), (0, 0.0))
+                    self._overlaps[name, how] = count + 1, max(most, depth)
 
     def surface(self, name: str) -> Array:
         """Triangles [m] that show an obstacle that is a mesh, ring or channel, in its frame, shape
@@ -933,7 +972,7 @@ class Simulator:
 
     def _obstacle(self, name: str) -> Array:
         """Motion of the obstacle of this name, a view."""
-        names = [obstacle.name for obstacle in self.scene.bodies if "contact" in self._needs]
+        names = self._touchable
         return self.cable.obstacles[names.index(arguments.one_of("obstacle", name, names))]
 
     def _put_end(
@@ -1114,6 +1153,7 @@ class Simulator:
             self.cable.inputs.copy(),
             self._geometries,
             self._origin,
+            self.step,
             self._waiting,
             dict(self._overlaps),
         )
@@ -1146,6 +1186,9 @@ class Simulator:
         waiting = {name: snapshot.waiting[name] for name in snapshot.waiting if name in names}
         self._later.replace(waiting)
         self._overlaps = dict(snapshot.overlaps)
+        if snapshot.step != self.step:  # of explicit steps, chosen in another shape
+            self.choice = replace(self.choice, step=snapshot.step)
+            self._stepper = Stepper(self.scene, self.cable, self.choice.method, self.step)
 
     def reset(self) -> None:
         """Go back to the initial state."""
@@ -1210,7 +1253,7 @@ class Simulator:
         if self._natural.follows:
             self._lay_natural_shape()
         shifted = np.abs(self.cable.points - given).max()
-        self._give_way(one.name for one in self.scene.bodies)
+        self._give_way(let_be=math.inf)
         self.cable.open_account(self.scene)
         if not math.isfinite(self.cable.account.energy_start):
             self.restore(before)
@@ -1269,7 +1312,11 @@ class Simulator:
 
         Loads are those of the scene; `set_load` must be called again. Building takes time: if this
         simulator has advanced meanwhile, let the new one `take_over` its state. Control points and
-        knots that the scene leaves open are those of this simulator.
+        knots that the scene leaves open are those of this simulator. Obstacles, and strands, yield
+        until they press the cable no more than before.
+
+        Raises:
+            ValueError: the scene cannot be simulated, or the state has no finite energy in it.
         """
         arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
         scene, resolution = resolved(continued(scene, self.scene))
@@ -1283,6 +1330,8 @@ class Simulator:
         other = Simulator(replace(scene.with_values(tangents), added=()), poses, continues=True)
         other.scene, other.resolution = replace(scene, added=()), resolution
         other.take_over(self)
+        if not math.isfinite(other.cable.account.energy_start):
+            raise ValueError("scene: the present shape and motion have no finite energy in it")
         return other
 
     def take_over(self, other: Simulator) -> None:
@@ -1319,17 +1368,17 @@ class Simulator:
         self.cable.point_grasps(0.0)
         self.cable.put(points, rates, 0.0)
         self.cable.take_over_samples(other.cable)
-        if same:
-            self.cable.take_over_contact(other.cable)
+        self.cable.take_over_contact(other.cable)
         if self._natural.follows and not self._natural.equals(other._natural):
             self._lay_natural_shape()
         self.cable.flow()
         for grasp in taking:
             self.take(grasp)
-        continued = {one.name for one in other.scene.bodies} if same else set()
-        names = {one.name for one in self.scene.bodies}
+        names = set(self._touchable)
         self._overlaps = {key: n for key, n in other._overlaps.items() if key[0] in names}
-        self._give_way(names - continued)
+        kept = other._pressures
+        self._give_way(kept, obstacles.Overlap.CHANGED)
+        self._give_way(dict.fromkeys(names - kept.keys(), obstacles.UNTOUCHED))
         now, before = (
             {one.u for one in sim._held_now.values() if one.u is not None} for sim in (self, other)
         )

@@ -99,8 +99,13 @@ FREQUENCY = 6  # row of a load, after force and moment
 
 
 def place(
-    scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable, lay: Lay | None = None
-) -> None:
+    scene: Scene,
+    geometries: Geometries,
+    ends: EndDrive,
+    cable: Cable,
+    lay: Lay | None = None,
+    continues: bool = False,
+) -> bool:
     """Put a cable into the scene's first shape, at rest.
 
     Without equilibrium it is straight, or an arc where its ends are nearer than its length; or
@@ -111,12 +116,16 @@ def place(
     Args:
         lay: aligns the natural shape with the material frames of the present shape and lets plastic
             flow follow; None if there is neither.
+        continues: another shape will replace this one, so none is looked for, nor refused.
+
+    Returns:
+        Whether what presses it is to stay: in equilibrium, or until the other shape is there.
 
     Raises:
         SceneError: no equilibrium was found, an inextensible cable cannot reach both ends, or the
             cable begins in an obstacle.
     """
-    _FirstShape(scene, geometries, ends, cable, lay).place()
+    return _FirstShape(scene, geometries, ends, cable, lay).place(continues)
 
 
 class _FirstShape:
@@ -129,7 +138,7 @@ class _FirstShape:
         self._ends, self._cable, self._lay = ends, cable, lay
         self._flow = lay if cable.model.has(PLASTICITY) else None  # after each step of a search
 
-    def place(self) -> None:
+    def place(self, continues: bool) -> bool:
         """See the function `place`."""
         scene, cable = self._scene, self._cable
         points = np.zeros((cable.model.n, 4))
@@ -139,6 +148,8 @@ class _FirstShape:
         cable.put(points, np.zeros_like(points), 0.0)
         if self._lay:
             self._lay()
+        if continues:
+            return True
         resting = _wants_equilibrium(scene, self._geometries)
         if resting and scene.terms.twist == "frenet":
             raise SceneError(
@@ -156,6 +167,7 @@ class _FirstShape:
         points = cable.points
         self._check_obstacles(points[:, :3])
         cable.put(points, np.zeros_like(points))
+        return resting
 
     def _find(self) -> None:
         """Put an extensible cable into equilibrium, with its twist.

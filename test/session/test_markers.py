@@ -203,7 +203,9 @@ def test_they_live_as_long_as_they_say_and_go_all_at_once():
     [
         ("bad_marker", "scale .* of a sphere that is not round", {"kind": cdr.SPHERE}),
         ("bad_marker", "of a cylinder that is not round", {"kind": 3, "scale": (0.1, 0.2, 0.1)}),
-        ("bad_marker", r"scale \[0, 1, 1\]; give lengths above 0 m", {"scale": (0.0, 1.0, 1.0)}),
+        ("bad_marker", r"scale \[0, 1, 1\]; give lengths of 1e-09", {"scale": (0.0, 1.0, 1.0)}),
+        ("bad_marker", r"scale .*; give lengths of 1e-09 to", {"scale": (5e-324, 1.0, 1.0)}),
+        ("bad_marker", "lifetime -1 s; give 0 for one that stays", {"lifetime": -1.0}),
         ("bad_marker", "type 9 is no obstacle; give CUBE", {"kind": 9}),
         ("bad_marker", "0 points; give three for each of 4 to 1000", {"kind": cdr.TRIANGLE_LIST}),
         (
