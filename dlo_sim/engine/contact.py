@@ -99,7 +99,7 @@ SMOOTH = 1e-18  # [m^2], of a motion of 1e-9 m, below which n needs no direction
 JUMP = 0.05  # share of the reach that a step may move past an obstacle without a look at normals
 RETURN = 0.2  # [m/s], at which an obstacle that has yielded pushes the cable out
 # Weights of the cable on earth with which what an obstacle that yields has left may press it: at
-# once, and where it does not follow, being held, after RISE [s], as a sudden push would lever it out.
+# once, and where it does not follow, being held, after RISE [s]: a sudden push would lever it out.
 EASY, PRESSED, RISE, EARTH = 10.0, 200.0, 0.1, 9.81
 SHALLOW = 0.03  # diameters that a cable may begin inside, and of what is not worth a word
 STOP = 1e2  # penalty for other velocities than those after contact, in linear densities
