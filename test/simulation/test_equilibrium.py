@@ -276,12 +276,10 @@ def test_a_shape_that_is_not_found_is_refused_and_can_be_started_straight(monkey
 
 
 def test_everyday_scenes_start_in_stable_shapes_at_rest():
-    """The twist of a natural shape may not be found, which is said: in 1 of the first 200."""
-    outcomes = [everyday_scenes.run_seed(seed) for seed in range(80)]
+    """Among those beyond the first are natural shapes that twist the cable most."""
+    outcomes = [everyday_scenes.run_seed(seed) for seed in (*range(80), 154, 166, 174, 262)]
     wrong = [(one.seed, one.kind, one.problem) for one in outcomes if one.problem]
-    said = [one for one in wrong if "the twist that the natural shape causes" in one[2]]
-    assert wrong == said
-    assert len(said) <= 2
+    assert wrong == []
 
 
 @pytest.mark.parametrize(
