@@ -6,7 +6,8 @@ the way from the straight cable to where the scene has them. It then moves and t
 that way, in steps that adapt themselves, and the cable is at rest under its loads after every step.
 So where there are several equilibria, it finds the one that grippers reach that move together from
 the straight cable: from an arc at the end of the way, 16 of 130 everyday scenes ended in another
-one.
+one. Where there are obstacles, it starts at the straight cable, above them, and takes smaller
+steps: in a long one, the cable would go through what it should lie on.
 
 At each place of the way the cable descends from its first guess by backward Euler steps of the
 gradient flow (`relax`),
@@ -62,9 +63,10 @@ from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
-from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
-from dlo_sim.simulation.obstacles import PLACES, check_outside
+from dlo_sim.simulation.geometry import Geometries, Geometry, first_shape, held_places
+from dlo_sim.simulation.obstacles import PLACES, gaps, inside
 from dlo_sim.simulation.resolution import resolved
+from dlo_sim.simulation.self_contact import nearest
 from dlo_sim.simulation.soundness import leaves_clamp_backwards, unexplained_stretch
 from dlo_sim.simulation.stepper import Stepper
 
@@ -74,6 +76,11 @@ Lay = Callable[[], None]
 
 EASY = 0.8  # distance of the ends, in lengths of the cable between them, where the search begins
 STEPS = 2  # from there, unless more are needed
+TOUCHING_STEPS = 20  # the same where there are obstacles
+MOST_LIFTS = 200  # of the straight cable, to be clear of them
+CLEAN = 0.1  # diameters, depth in an obstacle or in itself below which no other way is tried
+LEVEL = 1e-3  # share of a tangent across gravity that says in which direction it leads
+TINY = 1e-300
 LEAST_STEP = 1e-3  # of the way
 ROUGH = 1e-3  # of the length, movement that counts as rest on the way
 
@@ -138,6 +145,9 @@ class _FirstShape:
         cable.put(points, np.zeros_like(points), 0.0)
         self._align()
         resting = _wants_equilibrium(scene, self._geometries)
+        if scene.initial.shape == "auto" and scene.terms.twist != "frenet":
+            # A straight cable that begins in an obstacle is none that somebody lays there.
+            resting = resting or (self._is_held and self._inside(points[:, :3]) != "")
         if resting and scene.terms.twist == "frenet":
             raise SceneError(
                 "initial.shape: no equilibrium is available with terms.twist frenet; use straight"
@@ -151,7 +161,10 @@ class _FirstShape:
             cable.put(points, np.zeros_like(points), 0.0)
             self._align()
         points = cable.points
-        self._check_obstacles(points[:, :3])
+        wrong = self._inside(points[:, :3])
+        if wrong:
+            cure = "" if resting or not self._is_held else ", or set initial.shape to equilibrium"
+            raise SceneError(f"{wrong}; move the obstacle or the cable's ends{cure}")
         cable.put(points, np.zeros_like(points))
 
     def _align(self) -> None:
@@ -222,26 +235,58 @@ class _FirstShape:
         cable.x[:] = twin.x
         cable.open_frame()
 
-    def _check_obstacles(self, points: Array) -> None:
-        """Refuse a cable that begins deeper in an obstacle than it is thick: it would be flung
-        out.
-        """
-        scene, model = self._scene, self._cable.model
-        if not model.has(CONTACT):
-            return
-        u = np.linspace(0.0, scene.cable.length, PLACES)
-        line = bspline.evaluate(points, model.knots, u) + model.origin
-        for obstacle in scene.bodies:
-            check_outside(obstacle, scene.cable.diameter, u, line)
+    @property
+    def _is_held(self) -> bool:
+        return any(holder.held for holder in self._scene.holders.values())
+
+    def _inside(self, points: Array) -> str:
+        """One line if the cable begins inside an obstacle (`obstacles.inside`), else empty."""
+        scene = self._scene
+        if not self._cable.model.has(CONTACT):
+            return ""
+        u, line = np.linspace(0.0, scene.cable.length, PLACES), self._line(points)
+        found = (inside(body, scene.cable.diameter, u, line) for body in scene.bodies)
+        return next(filter(None, found), "")
 
     # -- along the way of the ends, for the twist as it is ----------------------------------------
 
     def _follow(self) -> bool:
         """Whether an extensible cable came into equilibrium for the twist as it is, in the shape
         that grippers reach that move together from the straight cable.
+
+        Where there are obstacles, they come from where the straight cable is clear of them. The
+        first shape counts that is in none of them and does not cross itself, or else the best one.
         """
-        way = _Way(self._scene, self._geometries, self._cable.model.axes)
-        return any(self._follow_from(way, begin) for begin in (way.easy, 0.0))
+        cable = self._cable
+        if not cable.model.has(CONTACT):
+            way = _Way(self._scene, self._geometries, cable.model.axes)
+            return any(self._follow_from(way, begin) for begin in (way.easy, 0.0))
+        least, best = np.inf, cable.state.copy()
+        for direction in _directions(self._scene, self._geometries):
+            way = _Way(self._scene, self._geometries, cable.model.axes, direction)
+            way.begin_clear(cable.model.origin)
+            if self._follow_from(way, 0.0):
+                fault = self._fault()
+                if fault < least:
+                    least, best = fault, cable.state.copy()
+                if fault < CLEAN:
+                    break
+        cable.state[:] = best
+        return least < np.inf
+
+    def _fault(self) -> float:
+        """How deep the cable is in obstacles or in itself, in diameters."""
+        scene, model = self._scene, self._cable.model
+        points, diameter = self._cable.points, scene.cable.diameter
+        line = self._line(points[:, :3])
+        found = [float(gaps(body, diameter, line).min()) for body in scene.bodies]
+        return -min([*found, nearest(model, points, diameter).clearance]) / diameter
+
+    def _line(self, points: Array) -> Array:
+        """PLACES points of the cable in the world [m]."""
+        model = self._cable.model
+        u = np.linspace(0.0, self._scene.cable.length, PLACES)
+        return np.asarray(bspline.evaluate(points, model.knots, u) + model.origin)
 
     def _follow_from(self, way: _Way, begin: float) -> bool:
         """Whether the search from a share of the way on ended in equilibrium."""
@@ -252,13 +297,14 @@ class _FirstShape:
         if not self._rests(begin):
             self._place_ends(way, 1.0)
             return False
-        share, step = begin, (1.0 - begin) / STEPS
+        touches = cable.model.has(CONTACT)
+        share, step = begin, (1.0 - begin) / (TOUCHING_STEPS if touches else STEPS)
         shape = cable.points
         last: tuple[Array, float] | None = None  # changes of shape and share by the last step
         while share < 1.0:
             there = share + step if share + step < 1.0 - LEAST_STEP else 1.0
             guess = shape.copy()
-            if last is None:
+            if last is None or touches:
                 u = bspline.greville(cable.model.knots)
                 for axis in range(3):
                     guess[:, axis] -= (there - share) * np.interp(u, way.u, way.back[:, axis])
@@ -397,29 +443,57 @@ class _Way:
     """The way of everything that holds the cable, from where it is straight and unstressed (share
     0) to where the scene has it (share 1): positions move straight, tangents turn the shortest way.
 
-    The straight cable points from the first to the last held point; if they coincide, as the
-    tangents do on average; if only one point is held, along gravity.
+    Args:
+        direction: of the straight cable; default: from the first to the last held point; if they
+            coincide, as the tangents do on average; if only one point is held, along gravity.
 
     Attributes:
         u: material coordinates of the held points [m], shape (places,). back: from where they are
-            at share 1 to share 0 [m], shape (places, 3).
+            at share 1 to share 0 [m], shape (places, 3). direction: of the straight cable.
         easy: the largest share at which the ends are easy to reach.
     """
 
-    def __init__(self, scene: Scene, geometries: Geometries, axes: tuple[int, ...]) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        geometries: Geometries,
+        axes: tuple[int, ...],
+        direction: Array | None = None,
+    ) -> None:
         self._scene, self._geometries, self._axes = scene, geometries, axes
         self._places = held_places(scene, geometries)
         self.u = np.array([u for u, _ in self._places])
-        direction = self._direction()
+        direction = _straight(scene, self._places) if direction is None else direction
         at = np.array([geometry.attachment for _, geometry in self._places])
         line = np.outer(self.u, direction)
+        self.direction = direction
         self.back = line - line.mean(axis=0) - (at - at.mean(axis=0))
         self._turns = {
-            name: self._turn(direction, rotations.rotate(geometry.orientation, geometry.tangent))
+            name: self._turn(
+                direction,
+                rotations.rotate(geometry.orientation, geometry.tangent),
+                -1.0 if name == "end" else 1.0,
+            )
             for name, geometry in geometries.items()
             if geometry.u is not None
         }
         self.easy = self._easy()
+
+    def begin_clear(self, origin: Array) -> None:
+        """Begin with the straight cable above all obstacles, as low as that is possible."""
+        scene, up = self._scene, -np.array(self._scene.gravity)
+        up /= max(float(np.linalg.norm(up)), TINY)
+        u, diameter = np.linspace(0.0, scene.cable.length, PLACES), scene.cable.diameter
+        line = self._places[0][1].attachment + self.back[0] + origin
+        line = line + np.outer(u - self.u[0], self.direction)
+        for _ in range(MOST_LIFTS):
+            gap = min(
+                (float(gaps(body, diameter, line).min()) for body in scene.bodies), default=1.0
+            )
+            if gap > 0.0:
+                break
+            lift = max(-gap, 0.5 * diameter) * up
+            self.back, line = self.back + lift, line + lift
 
     def at(self, share: float) -> Geometries:
         """What holds the cable at a share of the way."""
@@ -452,23 +526,10 @@ class _Way:
                 share = min(share, 1.0 - float((np.sqrt(b * b - a * c) - b) / a))
         return share
 
-    def _direction(self) -> Array:
-        length, (_, first), (_, last) = self._scene.cable.length, self._places[0], self._places[-1]
-        along = [rotations.rotate(geo.orientation, geo.tangent) for _, geo in self._places]
-        tangents = np.sum(along, axis=0)
-        gravity = np.array(self._scene.gravity)
-        choices = [last.attachment - first.attachment, tangents, gravity, np.array([1.0, 0.0, 0.0])]
-        if len(self._places) == 1:
-            choices = choices[2:1:-1] + choices[1:2]
-        for choice in choices:
-            size = float(np.linalg.norm(choice))
-            if size > 1e-6 * length:
-                return np.asarray(choice / size)
-        return choices[-1]
-
-    def _turn(self, direction: Array, tangent: Array) -> Array:
+    def _turn(self, direction: Array, tangent: Array, leaves: float) -> Array:
         """Rotation vector from the direction of the straight cable to a tangent. Opposite ones turn
-        in the plane of the motion, or in the vertical one.
+        in the plane of the motion, or in the vertical one, and so that the cable hangs from what
+        holds it: it `leaves` that (1) or comes to it (-1).
         """
         axis = np.cross(direction, tangent)
         angle = float(np.arctan2(np.linalg.norm(axis), direction @ tangent))
@@ -477,7 +538,40 @@ class _Way:
             axis = np.eye(3)[missing[0]] if missing else np.cross(self._scene.gravity, direction)
             if np.linalg.norm(axis) < 1e-9:
                 axis = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
+            if leaves * (np.cross(axis, direction) @ self._scene.gravity) < 0.0:
+                axis = -axis
         return np.asarray(axis * (angle / np.linalg.norm(axis)))
+
+
+def _straight(scene: Scene, places: list[tuple[float, Geometry]]) -> Array:
+    """Direction of the straight cable that is held at these places."""
+    (_, first), (_, last) = places[0], places[-1]
+    tangents = np.sum([rotations.rotate(geo.orientation, geo.tangent) for _, geo in places], axis=0)
+    gravity = np.array(scene.gravity)
+    choices = [last.attachment - first.attachment, tangents, gravity, np.array([1.0, 0.0, 0.0])]
+    if len(places) == 1:
+        choices = choices[2:1:-1] + choices[1:2]
+    for choice in choices:
+        size = float(np.linalg.norm(choice))
+        if size > 1e-6 * scene.cable.length:
+            return np.asarray(choice / size)
+    return choices[-1]
+
+
+def _directions(scene: Scene, geometries: Geometries) -> list[Array]:
+    """Directions of the straight cable to begin with where there are obstacles: from the first to
+    the last held point, and as the cable leaves them; of a single one, along its tangent where that
+    is level, so that the cable is laid down in the direction in which it leaves.
+    """
+    places = held_places(scene, geometries)
+    tangents = [rotations.rotate(geo.orientation, geo.tangent) for _, geo in places]
+    if len(places) == 1:
+        gravity = np.array(scene.gravity)
+        down = gravity / max(float(np.linalg.norm(gravity)), TINY)
+        level = tangents[0] - (tangents[0] @ down) * down
+        size = float(np.linalg.norm(level))
+        return [level / size] if size > LEVEL else [_straight(scene, places)]
+    return [_straight(scene, places), tangents[0], tangents[-1]]
 
 
 def _wants_equilibrium(scene: Scene, geometries: Geometries) -> bool:
