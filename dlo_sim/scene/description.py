@@ -690,7 +690,8 @@ class Initial:
 
     Parameters:
         shape: Initial shape, also after a reset; auto = straight if an end is free or the held ends
-            are one cable length apart, else equilibrium.
+            are one cable length apart, and the straight cable begins in no obstacle, else
+            equilibrium.
     """
 
     shape: str = parameter("auto", choices=("auto", "straight", "equilibrium"))

@@ -415,6 +415,18 @@ class Cable:
         if self.model.has(MATERIAL):
             self.call(follow_to_present)
 
+    def follow_shape(self) -> None:
+        """Go over to the Bishop frame of the present shape: the twist angles and `frame_turn`
+        change, the material frames stay, and the natural shape follows them.
+        """
+        self.call(between_steps.follow_shape)
+
+    def twist_forces(self, by_frame: bool) -> Array:
+        """Forces that couple twist and shape (`between_steps.twist_forces`), shape (lines, n)."""
+        out = self._lines()
+        self.call(between_steps.twist_forces, by_frame, out)
+        return self.shown(out)
+
     def turn_natural(self, rows: Array, turn: Array) -> None:
         """Set the natural shape to these rows, from `to_blocks`, with their vectors turned by a
         matrix (3, 3); the change of energy is work of the grasps.
@@ -580,10 +592,14 @@ class Cable:
     def solve_held(self, unknowns: Array, transposed: bool = False) -> int:
         """Solve band x = unknowns, or band^T x = unknowns, in place with the constraint rows fixed.
 
+        Args:
+            unknowns: shape (n dim,), or one row for each right-hand side.
+
         Returns:
             The number of negative pivots, or -1 if a pivot is not usable.
         """
-        return int(self.call(between_steps.solve_held, unknowns, transposed))
+        rows = unknowns.reshape(-1, self.model.n * len(self.model.axes))
+        return int(self.call(between_steps.solve_held, rows, transposed))
 
     def free_acceleration(self, force: Array, keep: bool = True) -> Array:
         """P M^-1 f of forces f, shape (lines, n); M^-1 f if `keep` is false."""

@@ -179,21 +179,31 @@ def gaps(obstacle: Obstacle, diameter: float, points: Array) -> Array:
 
 
 def check_outside(obstacle: Obstacle, diameter: float, u: Array, line: Array) -> None:
-    """Refuse a cable that begins deeper in an obstacle than it is thick: it would be flung out.
+    """Refuse a cable that is `inside` an obstacle.
+
+    Raises:
+        SceneError: it is; in one line.
+    """
+    found = inside(obstacle, diameter, u, line)
+    if found:
+        raise SceneError(f"{found}; move the obstacle or the cable's ends")
+
+
+def inside(obstacle: Obstacle, diameter: float, u: Array, line: Array) -> str:
+    """One line if a cable begins deeper in an obstacle than it is thick, so that it would be flung
+    out; else empty.
 
     Args:
         line: points [m] of the cable at the material coordinates u [m], shape (len(u), 3).
-
-    Raises:
-        SceneError: it does; in one line.
     """
     depth = -gaps(obstacle, diameter, line) - 0.5 * diameter
     worst = int(np.argmax(depth))
-    if depth[worst] > diameter:
-        raise SceneError(
-            f"obstacles.{obstacle.name}.position: the cable begins {depth[worst]:.3g} m inside it, "
-            f"at {u[worst]:.3g} m; move the obstacle or the cable's ends"
-        )
+    if depth[worst] <= diameter:
+        return ""
+    return (
+        f"obstacles.{obstacle.name}.position: the cable begins {depth[worst]:.3g} m inside it, "
+        f"at {u[worst]:.3g} m"
+    )
 
 
 def stiffness(scene: Scene, obstacle: Obstacle) -> float:

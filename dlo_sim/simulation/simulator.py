@@ -178,7 +178,7 @@ class Simulator:
             self.move_obstacle(name, EndMotion.resting(*given[name]))
         self._hold_cable()
         self._shape_naturally()
-        lay = self._lay_natural_shape if self._natural.follows else None
+        lay = self._lay_unslipped if self._natural.follows else None
         resting = place(scene, self._geometries, self._ends, self.cable, lay, continues)
         if not continues:
             held = [one.u for one in self._geometries.values() if one.u is not None]
@@ -1453,7 +1453,13 @@ class Simulator:
         self._natural.turn(self._start_orientation)
 
     def _lay_natural_shape(self) -> None:
-        """Lay the natural shape along the present shape."""
+        """Lay the natural shape along the present shape, with plastic flow as if bent in one
+        motion.
+        """
+        self._lay_unslipped()
+        self.cable.flow()
+
+    def _lay_unslipped(self) -> None:
         self._natural.lay(self._start_orientation, self.frames(self._natural.places))
 
     @property
