@@ -99,7 +99,12 @@ FREQUENCY = 6  # row of a load, after force and moment
 
 
 def place(
-    scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable, lay: Lay | None = None
+    scene: Scene,
+    geometries: Geometries,
+    ends: EndDrive,
+    cable: Cable,
+    lay: Lay | None = None,
+    near: Array | None = None,
 ) -> None:
     """Put a cable into the scene's first shape, at rest.
 
@@ -111,12 +116,14 @@ def place(
     Args:
         lay: aligns the natural shape with the material frames of the present shape and lets plastic
             flow follow; None if there is neither.
+        near: control points (n, 4); where the first shape is an equilibrium, it is the one nearest
+            to these. Default: the one that grippers reach which move together.
 
     Raises:
         SceneError: no equilibrium was found, an inextensible cable cannot reach both ends, or the
             cable begins in an obstacle.
     """
-    _FirstShape(scene, geometries, ends, cable, lay).place()
+    _FirstShape(scene, geometries, ends, cable, lay).place(near)
 
 
 class _FirstShape:
@@ -129,23 +136,28 @@ class _FirstShape:
         self._ends, self._cable, self._lay = ends, cable, lay
         self._flow = lay if cable.model.has(PLASTICITY) else None  # after each step of a search
 
-    def place(self) -> None:
+    def place(self, near: Array | None) -> None:
         """See the function `place`."""
         scene, cable = self._scene, self._cable
         points = np.zeros((cable.model.n, 4))
         points[:, :3] = first_shape(scene, self._geometries, cable.model.knots)
         backwards = leaves_clamp_backwards(points, self._ends)
+        resting = _wants_equilibrium(scene, self._geometries)
+        searched = resting or backwards
+        if near is not None and searched:
+            points = near.copy()
         self._ends.put(points, 0.0, anew=True)
         cable.put(points, np.zeros_like(points), 0.0)
         if self._lay:
             self._lay()
-        resting = _wants_equilibrium(scene, self._geometries)
         if resting and scene.terms.twist == "frenet":
             raise SceneError(
                 "initial.shape: no equilibrium is available with terms.twist frenet; use straight"
             )
         if inextensible(scene):
             self._place_inextensible(resting)
+        elif near is not None and searched and self._rests(1.0):
+            self._twist()
         elif resting:
             self._find()
         elif backwards and scene.terms.twist != "frenet" and not self._follow():
@@ -165,9 +177,13 @@ class _FirstShape:
         Raises:
             SceneError: none was found.
         """
-        cable = self._cable
         if not self._follow():
-            raise SceneError(_cause(self._scene, cable))
+            raise SceneError(_cause(self._scene, self._cable))
+        self._twist()
+
+    def _twist(self) -> None:
+        """Let the twist come into equilibrium, too, or warn."""
+        cable = self._cable
         if not cable.model.has(BISHOP):
             relax_twist(cable)
         elif not self._with_twist():
