@@ -81,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
     from dlo_sim.simulation.simulator import Simulator
 
     def along(scene: "Scene") -> "Array":
-        return Simulator(scene, begin).forecast(plan, options.every).centerline
+        return Simulator(scene, begin, near=simulator).forecast(plan, options.every).centerline
 
     accuracy: dict[str, Any] = {"error_estimate": None, "advice": ""}
     with progress_bar("forecast"):

@@ -669,9 +669,9 @@ class Terms:
         damping: All damping.
         plasticity: Plastic bending.
         contact: Contact.
-        out_of_plane: The third coordinate. Auto omits it if everything stays in a coordinate plane;
-            off drops forces and moments out of the plane and projects the motion of the ends onto
-            it.
+        out_of_plane: The third coordinate. Auto omits it of a cable that hangs taut in a coordinate
+            plane and cannot fall over sideways; off keeps any cable in its plane: it drops forces
+            and moments out of it and projects the motion of the ends onto it.
     """
 
     stretch: str = parameter("auto", choices=SWITCH)

@@ -463,19 +463,11 @@ def _estimate(simulator: Simulator, poses: Mapping[str, Pose] | None = None) -> 
     """The estimate of the error of a simulator that was placed at these poses, or (None) that
     continues from its present state.
     """
-    from dlo_sim.simulation.error_estimate import ErrorEstimate
-    from dlo_sim.simulation.simulator import Simulator  # these import the compiler
+    from dlo_sim.simulation.error_estimate import ErrorEstimate  # imports the compiler
 
     if poses is None:
         return ErrorEstimate.continued(simulator)
-
-    def placed(scene: Scene) -> Simulator:
-        if scene.discretization != simulator.scene.discretization:
-            return Simulator(scene, poses)
-        # A run that is finer in time begins in the same shape; a search for it takes 0.1 s.
-        return simulator.reconfigured(scene.with_values({"initial.shape": "straight"}))
-
-    return ErrorEstimate(simulator, placed)
+    return ErrorEstimate.placed(simulator, poses)
 
 
 def _taken(scene: Scene) -> dict[str, bool]:

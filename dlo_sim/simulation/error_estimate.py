@@ -23,6 +23,10 @@ be most of the cost for no information: with a step of 13 us the shipped paper s
 in time and by 3e-3 m in space. In such a case only the companion in space runs. Its step is shorter
 too, for stability, so its distance includes the error in time.
 
+Of several equilibria the companions begin in that of the original. Where symmetry leaves open to
+which side a cable falls, all fall to the same one (`buckling`, `Simulator.notes`): what the side
+does to the shape is no error of the discretisation.
+
 The estimate is the error of the run so far, not of one step: the phase errors of an undamped cable
 accumulate, and the estimate grows with them. It excludes errors of the quadrature and of the model.
 """
@@ -98,16 +102,17 @@ class ErrorEstimate:
 
     Args:
         simulator: its error is estimated; from now on step and change it only through this object.
-        place: builds a companion from its scene; the default `Simulator` is right if no end
-            effector was moved.
+        place: builds a companion from its scene; the default begins in the simulator's equilibrium
+            and is right if no end effector was moved.
 
     Attributes:
         simulator: see above. companions: the finer runs, in time and in space.
         seconds: wall time spent on the companions [s]. order: of convergence in time.
     """
 
-    def __init__(self, simulator: Simulator, place: _Place = Simulator) -> None:
+    def __init__(self, simulator: Simulator, place: _Place | None = None) -> None:
         self.simulator = simulator
+        place = place or _placing(simulator)
         self._begun = simulator.steps
         self.seconds = 0.0
         self.order = _order_in_time(simulator)
@@ -123,7 +128,7 @@ class ErrorEstimate:
         cls, simulator: Simulator, end_poses: Mapping[str, Pose] | None = None
     ) -> ErrorEstimate:
         """An estimate for a simulator built with these poses; its companions are built alike."""
-        return cls(simulator, lambda scene: Simulator(scene, end_poses))
+        return cls(simulator, _placing(simulator, end_poses))
 
     @classmethod
     def continued(cls, simulator: Simulator) -> ErrorEstimate:
@@ -371,6 +376,19 @@ class _Companion:
 
     def _fail(self, reason: str) -> None:
         self.failure, self.largest = reason, math.inf
+
+
+def _placing(simulator: Simulator, end_poses: Mapping[str, Pose] | None = None) -> _Place:
+    """What builds companions that begin in the equilibrium of a simulator, built with these poses,
+    that has not advanced.
+    """
+
+    def place(scene: Scene) -> Simulator:
+        if scene.discretization != simulator.scene.discretization:
+            return Simulator(scene, end_poses, near=simulator)
+        return simulator.reconfigured(scene)
+
+    return place
 
 
 def _finer(original: Simulator, part: str, place: _Place) -> _Finer | None:

@@ -31,6 +31,7 @@ from dlo_sim.scene.needs import (
     Needs,
     check_terms,
     inextensible,
+    mirrors,
     moments_may_come,
     needs_of,
     needs_of_end,
@@ -39,8 +40,10 @@ from dlo_sim.scene.needs import (
 from dlo_sim.simulation import following, obstacles, self_contact
 from dlo_sim.simulation.buckling import (
     coiling_warning,
-    is_bent,
-    release_from_line,
+    look_due,
+    plane_warning,
+    release,
+    side_note,
     steps_between_looks,
 )
 from dlo_sim.simulation.build_model import build_model
@@ -133,6 +136,8 @@ class Simulator:
             quaternion x, y, z, w (4,)), ...}; the others have the poses of the scene.
         unchecked_step: use integrator.step even above the stability limit (to study stability).
         continues: `take_over` or `restore` follows, so no first shape is looked for, nor refused.
+        near: another simulator; of several equilibria the cable begins in that nearest to its
+            present shape, so that a finer run of the same scene begins as it did.
 
     For an argument of a wrong type or value, every method raises a TypeError or ValueError of one
     line that names the cure, and leaves the state unchanged.
@@ -148,6 +153,7 @@ class Simulator:
         *,
         unchecked_step: bool = False,
         continues: bool = False,
+        near: Simulator | None = None,
     ) -> None:
         arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
         self.scene, self.resolution = resolved(scene)
@@ -178,8 +184,7 @@ class Simulator:
             self.move_obstacle(name, EndMotion.resting(*given[name]))
         self._hold_cable()
         self._shape_naturally()
-        lay = self._lay_unslipped if self._natural.follows else None
-        resting = place(scene, self._geometries, self._ends, self.cable, lay, continues)
+        resting = self._place(near, continues)
         if not continues:
             held = [one.u for one in self._geometries.values() if one.u is not None]
             self_contact.check_start(scene, self.cable, held)
@@ -188,6 +193,8 @@ class Simulator:
         self.choice = choose(scene, self._largest_frequency(), unchecked_step)
         self._needs = needs.stepped(self.choice.method.family == IMPLICIT)
         self._stepper = Stepper(scene, self.cable, self.choice.method, self.choice.step)
+        # When the cable could fall to either side, and the projection (3, 3) onto these directions.
+        self._fell = None if given or continues else self._fallen_at_start()
         self._look_every = steps_between_looks(self.choice.step, self._stepper.check_every)
         if not resting:
             self._give_way(let_be=LIGHT * scene.cable.mu * EARTH)
@@ -195,6 +202,7 @@ class Simulator:
         started = time.perf_counter()
         self._stepper.advance(0, 0)  # no tick must have to compile this or the next line
         unexplained_stretch(self.model, self.cable.points, self._ends)
+        self._first_unstable = self._unstable_in_plane()
         self._initial = self.snapshot()
         self._load_ahead()
         self.compile_seconds = time.perf_counter() - started
@@ -216,6 +224,12 @@ class Simulator:
         if not (found.cable.indices_fit and math.isfinite(found.cable.present_energy())):
             raise ValueError("snapshot: its numbers do not fit; give one of Simulator.snapshot")
         return found
+
+    def _place(self, near: Simulator | None, continues: bool) -> bool:
+        """Put the cable into its first shape (`statics.place`)."""
+        lay = self._lay_unslipped if self._natural.follows else None
+        shape = self._points_of(near)[0] if near else None
+        return place(self.scene, self._geometries, self._ends, self.cable, lay, shape, continues)
 
     # -- what it is -------------------------------------------------------------------------------
 
@@ -276,6 +290,7 @@ class Simulator:
             for name, one in bodies.items()
         }
         lines = (
+            self._first_unstable,
             coiling_warning(self.scene, self.cable),
             self._open_balance,
             obstacles.thin_warning(self.scene),
@@ -338,7 +353,30 @@ class Simulator:
     def notes(self) -> tuple[str, ...]:
         """Remarks for readers of the results, one line each."""
         torsion = self.undefined_torsion
-        return (*self.warnings, *([torsion.note] if torsion.worst else []))
+        flat = "" if self._first_unstable else self._unstable_in_plane()
+        more = (flat, torsion.note if torsion.worst else "", self._side_note)
+        return (*self.warnings, *filter(None, more))
+
+    def _fallen_at_start(self) -> tuple[float, Array] | None:
+        """Time 0 and the directions in which the first shape leaves what mirrors it, or None."""
+        across = np.diag(mirrors(self.scene))
+        fallen = side_note(self.cable, self.scene, 0.0, across)
+        return (0.0, across) if fallen else None
+
+    @property
+    def _side_note(self) -> str:
+        return side_note(self.cable, self.scene, *self._fell) if self._fell else ""
+
+    def _unstable_in_plane(self) -> str:
+        """`plane_warning` of a copy in space, which takes 50 ms; empty if the cable is there
+        anyway.
+        """
+        if len(self.model.axes) == 3 or self.scene.terms.out_of_plane != "off":
+            return ""
+        copy = deepcopy(self)
+        copy.scene = replace(self.scene, terms=replace(self.scene.terms, out_of_plane="on"))
+        copy._activate(needs_of(copy.scene), self._held_now)
+        return plane_warning(copy.cable, copy.scene)
 
     # -- shape and motion -------------------------------------------------------------------------
 
@@ -533,6 +571,8 @@ class Simulator:
             evaluations += used
             if made:
                 self._look()
+            if done >= steps or done // CHUNK > (done - made) // CHUNK or not status.ok:
+                self._watch_itself()
             self._begin_motions()
             if not status.ok:
                 message = (
@@ -622,6 +662,7 @@ class Simulator:
             if made.steps:
                 self._look()
             self._begin_motions_of_obstacles()
+        self._watch_itself()
         self._ends.restored()
         why = explained(status, self.choice.method)
         message = "" if status.ok else f"{why} (at {self.time:.6g} s)"
@@ -658,16 +699,25 @@ class Simulator:
         return Forecast(samples[:count], points, *shapes, report, drawn, *told)
 
     def _until_look(self, steps: int) -> int:
-        """At most `steps`, and none beyond the next look at a straight cable. One that is bent will
-        not be exactly straight so soon.
+        """At most `steps`, and none beyond the next look at a cable on a line or in a plane. One
+        that is far from it will not be exactly there so soon.
         """
-        left = self._look_every - self._steps % self._look_every
-        return steps if steps <= left or is_bent(self.cable) else left
+        every = self._look_every * look_due(self.cable)
+        return min(steps, every - self._steps % every) if every else steps
 
     def _look(self) -> None:
-        """Look at a straight cable, and whether one passes through itself, where it is time to."""
+        """Look at a cable on a line or in a plane, where it is time to."""
         if self._steps % self._look_every == 0:
-            release_from_line(self.cable, self.scene)
+            every = self._look_every * look_due(self.cable)
+            if every and self._steps % every == 0:
+                free = release(self.cable, self.scene)
+                if free is not None and not self._side_note:
+                    across, axes = np.zeros((3, 3)), list(self.model.axes)
+                    across[np.ix_(axes, axes)] = free
+                    self._fell = self.time, across
+
+    def _watch_itself(self) -> None:
+        """Look whether the cable passes through itself, where it does not touch itself."""
         if "self_contact" not in self._needs:
             x = self.cable.x[: len(self.model.axes)]
             self._watch.look(self.model, x, self.scene.cable.diameter, self.time)
@@ -896,9 +946,10 @@ class Simulator:
         before, kept = self.cable.present_energy(), self._pressures
         self.scene, needs = scene, self._needs.with_contact(bool(scene.bodies) and scene.touches)
         place = self._geometries["start"].attachment + self._origin
-        for axis in {0, 1, 2} - set(needs.axes):
-            if any(obstacle.pushes_along(axis, float(place[axis])) for obstacle in added):
-                needs = needs.spatial(scene)
+        missing = {0, 1, 2} - set(needs.axes)
+        across = any(one.pushes_along(k, float(place[k])) for k in missing for one in added)
+        if across or (added and scene.terms.out_of_plane != "off"):
+            needs = needs.spatial(scene)
         for one in known ^ set(scene.bodies):
             self._later.drop(one.name)
         self._activate(needs, self._geometries)
@@ -1181,6 +1232,8 @@ class Simulator:
         self._needs = snapshot.needs  # equal needs may have different warnings
         self.cable.state[:] = snapshot.state
         self.cable.inputs[:] = snapshot.inputs
+        if self._fell and self._fell[0] > self.time:
+            self._fell = None
         self._ends.restored(snapshot.waiting)
         names = {obstacle.name for obstacle in self.scene.bodies}
         waiting = {name: snapshot.waiting[name] for name in snapshot.waiting if name in names}
@@ -1340,19 +1393,12 @@ class Simulator:
         """
         arguments.instance("other", other, Simulator, "one that runs")
         self.replace_added(other.scene.added)
-        points, rates = other.cable.points, other.velocities
         if len(other.model.axes) == 3:
             self._need(self._needs.spatial(self.scene))
-        if points[:, 3].any():
+        if other.cable.points[:, 3].any():
             self._need(self._needs.with_twist(self.scene))
         way = other._origin - self._origin
-        points[:, :3] += way
-        old, new = other.model, self.model
-        same = np.array_equal(new.knots, old.knots)
-        if not same:
-            u = self.greville * (other.scene.cable.length / self.scene.cable.length)
-            there = (bspline.evaluate(values, old.knots, u) for values in (points, rates))
-            points, rates = (bspline.interpolate(new.knots, values) for values in there)
+        points, rates = self._points_of(other)
         self._ends.take_over(other._ends, other.time, other.cable.frame_turn, way)
         for name in self.scene.holders:
             if self._ends.state_of(name)[0][ACTIVE]:
@@ -1384,6 +1430,19 @@ class Simulator:
         )
         self.cable.open_account(self.scene, other.cable, sorted(before - now))
         self._initial = self.snapshot()
+
+    def _points_of(self, other: Simulator) -> tuple[Array, Array]:
+        """Control points of this cable, and their velocities, with the shape and motion of another
+        one, in the coordinates of this model, each (n, 4).
+        """
+        points, rates, knots = other.cable.points, other.velocities, other.model.knots
+        points[:, :3] += other._origin - self._origin
+        if np.array_equal(self.model.knots, knots):
+            return points, rates
+        u = self.greville * (other.scene.cable.length / self.scene.cable.length)
+        there = (bspline.evaluate(values, knots, u) for values in (points, rates))
+        points, rates = (bspline.interpolate(self.model.knots, values) for values in there)
+        return points, rates
 
     def _take_over_obstacles(self, other: Simulator) -> None:
         """Continue the motions of the other simulator's obstacles."""

@@ -109,6 +109,7 @@ def place(
     ends: EndDrive,
     cable: Cable,
     lay: Lay | None = None,
+    near: Array | None = None,
     continues: bool = False,
 ) -> bool:
     """Put a cable into the scene's first shape, at rest.
@@ -121,6 +122,8 @@ def place(
     Args:
         lay: aligns the natural shape with the material frames of the present shape and lets plastic
             flow follow; None if there is neither.
+        near: control points (n, 4); where the first shape is an equilibrium, it is the one nearest
+            to these. Default: the one that grippers reach which move together.
         continues: another shape will replace this one, so none is looked for, nor refused.
 
     Returns:
@@ -130,7 +133,7 @@ def place(
         SceneError: no equilibrium was found, an inextensible cable cannot reach both ends, or the
             cable begins in an obstacle.
     """
-    return _FirstShape(scene, geometries, ends, cable, lay).place(continues)
+    return _FirstShape(scene, geometries, ends, cable, lay).place(near, continues)
 
 
 class _FirstShape:
@@ -144,27 +147,32 @@ class _FirstShape:
         # After each step of a search for the shape alone.
         self._flow = self._align if cable.model.has(PLASTICITY) else None
 
-    def place(self, continues: bool) -> bool:
+    def place(self, near: Array | None, continues: bool) -> bool:
         """See the function `place`."""
         scene, cable = self._scene, self._cable
         points = np.zeros((cable.model.n, 4))
         points[:, :3] = first_shape(scene, self._geometries, cable.model.knots)
         backwards = leaves_clamp_backwards(points, self._ends)
+        resting = _wants_equilibrium(scene, self._geometries)
+        if scene.initial.shape == "auto" and scene.terms.twist != "frenet":
+            # A straight cable that begins in an obstacle is none that somebody lays there.
+            resting = resting or (self._is_held and self._inside(points[:, :3]) != "")
+        searched = resting or backwards
+        if near is not None and searched:
+            points = near.copy()
         self._ends.put(points, 0.0, anew=True)
         cable.put(points, np.zeros_like(points), 0.0)
         self._align()
         if continues:
             return True
-        resting = _wants_equilibrium(scene, self._geometries)
-        if scene.initial.shape == "auto" and scene.terms.twist != "frenet":
-            # A straight cable that begins in an obstacle is none that somebody lays there.
-            resting = resting or (self._is_held and self._inside(points[:, :3]) != "")
         if resting and scene.terms.twist == "frenet":
             raise SceneError(
                 "initial.shape: no equilibrium is available with terms.twist frenet; use straight"
             )
         if inextensible(scene):
             self._place_inextensible(resting)
+        elif near is not None and searched and self._rests(1.0):
+            self._twist()
         elif resting:
             self._find()
         elif backwards and scene.terms.twist != "frenet" and not self._follow():
@@ -193,9 +201,13 @@ class _FirstShape:
         Raises:
             SceneError: none was found.
         """
-        cable = self._cable
         if not self._follow():
-            raise SceneError(_cause(self._scene, cable))
+            raise SceneError(_cause(self._scene, self._cable))
+        self._twist()
+
+    def _twist(self) -> None:
+        """Let the twist come into equilibrium, too, or warn."""
+        cable = self._cable
         if not cable.model.has(BISHOP):
             relax_twist(cable)
         elif not self._with_twist():
