@@ -108,6 +108,7 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
         first.rest,
         first.origin,
         first.obstacles,
+        first.fields,
     )
     arrays.axes[:] = first.arrays.axes
     arrays.physics = first.arrays.physics
@@ -149,7 +150,7 @@ def _fill_contact(arrays: CableArrays, models: Sequence[Model]) -> None:
         if name not in ("first", "basis", "weight", "pairs"):
             setattr(contact, name, getattr(first, name))
     contact.coarse = COARSE * arrays.blocks
-    parts = [samples_by_span(model.knots, contact.pieces) for model in models]
+    parts = [samples_by_span(model.knots, contact.pieces, contact.radius) for model in models]
     write_samples(contact, *map(_with_voids, zip(*parts, strict=True)))
 
 

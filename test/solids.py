@@ -41,6 +41,23 @@ def box(x, y, z):
     return corners @ turn * [x / np.sqrt(2.0), y / np.sqrt(2.0), z]
 
 
+def plate(side, hole, thick):
+    """A square plate normal to x with a square hole in its middle."""
+    square = 0.5 * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+    wide, narrow, half = side * square, hole * square, 0.5 * thick
+    triangles = []
+    for k in range(4):
+        j = (k + 1) % 4
+        for a, b, c, d in (
+            ((half, *wide[k]), (half, *wide[j]), (half, *narrow[j]), (half, *narrow[k])),
+            ((-half, *wide[j]), (-half, *wide[k]), (-half, *narrow[k]), (-half, *narrow[j])),
+            ((-half, *wide[k]), (-half, *wide[j]), (half, *wide[j]), (half, *wide[k])),
+            ((-half, *narrow[j]), (-half, *narrow[k]), (half, *narrow[k]), (half, *narrow[j])),
+        ):
+            triangles += [(a, b, c), (a, c, d)]
+    return np.array(triangles)
+
+
 def binary_stl(triangles):
     """The content of a binary STL file."""
     records = np.zeros(len(triangles), [("n", "<f4", 3), ("corners", "<f4", (3, 3)), ("a", "<u2")])

@@ -64,7 +64,7 @@ def _print_summary(summary: "DemoSummary") -> None:
         "page": f"{summary.page} (open it in a browser)",
         "picture": summary.picture or "-",
         "time": f"{summary.simulated_s:.3g} s simulated in {summary.wall_s:.3g} s "
-        f"({summary.real_time_factor:.3g} x real time), after {summary.compile_s:.2g} s to compile",
+        f"({summary.real_time_factor:.3g} x real time), after {summary.compile_s:.2g} s to start",
         "tip": f"up to {summary.tip_speed_max:.3g} m/s",
         "reaction": f"up to {summary.reaction_max:.3g} N at the gripper, "
         f"{summary.reaction_rest:.3g} N at rest",

@@ -81,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
     from dlo_sim.simulation.simulator import Simulator
 
     def along(scene: "Scene") -> "Array":
-        return Simulator(scene, begin).forecast(plan, options.every).centerline
+        return Simulator(scene, begin, near=simulator).forecast(plan, options.every).centerline
 
     accuracy: dict[str, Any] = {"error_estimate": None, "advice": ""}
     with progress_bar("forecast"):
@@ -92,7 +92,9 @@ def run(options: argparse.Namespace) -> int:
             simulator = Simulator(scene, begin)
             found = simulator.forecast(plan, options.every)
             if scene.estimates_errors and len(found.times):
-                error, advice = error_along(simulator, found.centerline, along)
+                error, advice = error_along(
+                    simulator, found.centerline, along, found.control_points_needed
+                )
                 accuracy = {"error_estimate": error.numbers, "advice": advice}
         except (PlanError, ValueError) as refusal:
             raise CommandError(str(refusal)) from None

@@ -87,7 +87,7 @@ def _print_summary(bag: Path, summary: "ReplaySummary") -> None:
         "used": f"{summary.messages_used} messages",
         "refused": f"{summary.messages_refused} messages ({refused})",
         "time": f"{summary.wall_s:.3g} s ({summary.real_time_factor:.3g} x real time), after "
-        f"{summary.compile_s:.2g} s to compile",
+        f"{summary.compile_s:.2g} s to start",
     }
     if summary.messages_copied:
         rows["copies"] = f"{summary.messages_copied} messages came again and were ignored"

@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dlo_sim.core import elimination
+
 DEGREE = 3
 ACTIVE = DEGREE + 1
 RESOLUTION = 10_001  # points at which the density of graded knots is integrated
@@ -159,19 +161,6 @@ def greville(knots: Array) -> Array:
 
 
 def interpolate(knots: Array, values: Array) -> Array:
-    """Control points of the spline that passes through `values` at the Greville abscissae.
-
-    Elimination without pivoting, which suits a totally positive matrix (de Boor & Pinkus 1977), and
-    without LAPACK, which rounds differently on another processor.
-    """
-    matrix, points = evaluate(np.eye(len(values)), knots, greville(knots)), np.array(values, float)
-    for i in range(len(points) - 1):
-        below, beside = slice(i + 1, i + ACTIVE), slice(i, i + ACTIVE)
-        factors = matrix[below, i] / matrix[i, i]
-        matrix[below, beside] -= factors[:, None] * matrix[i, beside]
-        points[below] -= np.multiply.outer(factors, points[i])
-    for i in range(len(points) - 1, -1, -1):
-        points[i] /= matrix[i, i]
-        above = slice(max(i - DEGREE, 0), i)
-        points[above] -= np.multiply.outer(matrix[above, i], points[i])
-    return points
+    """Control points of the spline that passes through `values` at the Greville abscissae."""
+    matrix = evaluate(np.eye(len(values)), knots, greville(knots))
+    return elimination.solve(matrix, values, DEGREE)[0]

@@ -134,7 +134,7 @@ def of_scene(simulator: Simulator) -> Iterator[Finding]:
         limit = f"{choice.step / choice.limit:.0%} of the stability limit {choice.limit:.3g} s"
     yield ok(f"{simulator.method}, step {choice.step:.3g} s ({choice.reason}); {limit}")
     yield ok(simulator.resolution)
-    for line in simulator.scene.cable.assumptions:
+    for line in simulator.scene.assumptions:
         yield ok(line)
     for line in simulator.warnings:
         yield note(line)

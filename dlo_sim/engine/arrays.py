@@ -45,6 +45,7 @@ MESHED = 1 << 24  # obstacles may be triangle meshes (`contact.MESH`)
 SLIDING = 1 << 25  # grasps may let the cable slide
 PRESSURE = 1 << 26  # in the bore of a hose
 SELF = 1 << 27  # the cable touches itself (`engine.self_contact`)
+SURFACE = 1 << 32  # the water has a surface (`engine.buoyancy`)
 ROLLING = 1 << 28  # friction also turns the cable about its axis (`engine.rolling`)
 BOXED, ROUND, TUBED = 1 << 29, 1 << 30, 1 << 31  # obstacles may be `contact.BOX`, CYLINDER, TUBE
 
@@ -73,7 +74,7 @@ STRETCHING, BENDING, TWISTING, TORSIONAL, PLASTIC, WEIGHT, SPRING, TOUCHING = ra
 
 # Where the factors of the last Newton matrix are: in `state.matrix`, or elsewhere for one step.
 IN_STATE, IN_SKYLINE, IN_ROLLING_BAND = range(3)
-OK, DIVERGED, NOT_CONVERGED, PASSED = 0, 1, 2, 3  # outcome of an advance
+OK, DIVERGED, NOT_CONVERGED = 0, 1, 2  # outcome of an advance
 
 
 class Mesh(Group):
@@ -106,6 +107,10 @@ class Physics(Group):
     water_across = Number()  # k_n and k_t of `engine.drag` [N s^2/m^3]
     water_along = Number()
     water_current = Reals(3)  # velocity of the water by line [m/s]
+    water_up = Reals(3)  # normal of its surface by line, over the radius of the cable [1/m]
+    water_level = Number()  # height of its surface along that
+    water_parts = Number()  # of a span, over which `engine.buoyancy` sums
+    buoyancy = Number()  # of the whole section, times the radius [N]
     thrust = Number()  # pressure in a hose times the area of its bore [N]
     thinning = Number()  # lambda^2 of `terms.viscosity` [(m s)^2]
     beta_stretch = Number()  # internal damping [s]
@@ -198,13 +203,14 @@ class Contact(Group):
     reach = Reals("obstacles")  # by which the core is grown [m]
     middle = Reals("obstacles")  # depth near its middle [m]
     extent = Reals("obstacles")  # of the core from its centre, that a rotation moves [m]
-    law = Reals("obstacles", 5)  # `contact.STIFFNESS` to FRICTION
+    law = Reals("obstacles", 3)  # `contact.STIFFNESS` to FRICTION
     field = Reals("obstacles", 10)  # of meshes (`distance_field.ORIGIN` to HIGH)
     field_shape = Wholes("obstacles", 4)  # points of its grid by axis, first of its values
     field_values = Reals("field_values")  # coefficients of the splines of all meshes [m]
     still = Reals(3)  # centre of the lines: the constant coordinate of planar motion [m]
-    density = Number()  # mass per length that a kick of friction moves [kg/m]
+    density = Number()  # mass per length [kg/m]
     radius = Number()  # of the cable [m]
+    restitution = Number()
     least_margin = Number()  # of the broad phase [m]
 
 
@@ -215,7 +221,7 @@ class Chain(Group):
     basis = Lanes("chain_blocks", "corners", 4)  # basis functions at the corners of a span
     arc = Reals("chain_spans")  # material coordinate where a span begins [m]
     length = Reals("chain_spans")  # of a segment [m], 0 of void spans
-    law = Reals(5)  # `contact.STIFFNESS` to FRICTION
+    law = Reals(5)  # `self_contact.STIFFNESS` to FRICTION
     diameter = Number()  # [m]
     apart = Number()  # along the cable, at which segments may touch [m]
 
@@ -280,7 +286,6 @@ class State(Group):
         "contact_way",  # by how much cable and obstacles moved since [m]
         "contact_carried",  # by how much obstacles move in this step [m]
         "extrapolated_share",  # of the second difference that `implicit.predict` extrapolates
-        "contact_moved",  # cable and obstacles in the last explicit step [m]
         "contact_deep",  # samples and steps near the middle of an obstacle
         "pairs",  # of segments that may touch in a step (`self_contact`)
         "pairs_lost",  # for which there was no room in accepted steps
@@ -298,7 +303,8 @@ class State(Group):
     natural = Lanes("curved_blocks", "samples", 4)  # weight EI kappa0 (3), rest twist [rad/m]
     plastic = Lanes("plastic_blocks", "samples", 9)  # curvature; tangent, curvature before
     pose = Reals("obstacles", 36)  # at the start, the middle and the end of a step (`contact`)
-    yielded = Reals("obstacles", 2)  # less reach at the start and the end of a step [m]
+    # Less reach at the start and the end of a step, and how deep the cable was one step before [m].
+    yielded = Reals("obstacles", 3)
     near_count = Reals("obstacles")
     near = Reals("obstacles", "groups")  # so many groups of samples that may touch the obstacle
     bristle = Lanes("obstacles", "groups", 3)  # friction that sticks, in its frame [m]
@@ -377,6 +383,7 @@ class Work(Group):
     border_spare = Reals("unknowns")
     border_value = Reals("bordered")
     trial = Lanes("obstacles", "groups", 3)  # bristles at the end of the step
+    stops = Lanes("obstacles", "groups", 5)  # `contact.begin_stops`
     looked = Reals(13, groups.LANES)  # distances, then places (`engine.distance_field`)
     measured = Lanes("obstacles", "groups", 2, 17)  # where samples are (`contact.measure`)
     measured_known = Reals("obstacles", "groups", 2)  # `contact.UNKNOWN` to OF_STEP

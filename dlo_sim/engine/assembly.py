@@ -12,6 +12,7 @@ from dlo_sim.compiling.lanes import LANES, fabs, lane_sum, zero
 from dlo_sim.compiling.pieces import NO, YES, part, piece
 from dlo_sim.engine import (
     bishop,
+    buoyancy,
     contact,
     drag,
     natural_curvature,
@@ -67,6 +68,7 @@ def all_forces(cable, x, out):
     natural_force(cable, x, x, cable.terms & MATERIAL != 0, YES, out)
     torsion.force(cable, x, x, out)
     pressure.force(cable, x, x, out)
+    buoyancy.force(cable, x, x, out)
     bishop.force(cable, x, x, out)
     contact.add_elastic_force(cable, x, out)
     sliding.slide_force(cable, x, out)
@@ -97,6 +99,7 @@ def all_energies(cable, x, out):
     natural_curvature.energy(cable, x, out)
     torsion.energy(cable, x, out)
     pressure.energy(cable, x, out)
+    buoyancy.energy(cable, x, out)
     bishop.energy(cable, x, out)
     plasticity.energy(cable, x, out)
     contact.energy(cable, x, out)
@@ -113,6 +116,7 @@ def discrete_gradient(cable, x0, x1, moved, viscous, out):
     if not cable.terms & MATERIAL:  # else `methods.twist_step` adds it with the twist
         natural_force(cable, x0, x1, NO, YES, out)
     pressure.force(cable, x0, x1, out)
+    buoyancy.force(cable, x0, x1, out)
     return lost
 
 
@@ -121,6 +125,7 @@ def discrete_jacobian(cable, x0, x1, viscous, scale, band):
     """band += scale times the Jacobian of `discrete_gradient` with respect to x1."""
     add_tangent(cable, x0, x1, viscous, scale, band)
     pressure.tangent(cable, x0, x1, scale, band)
+    buoyancy.tangent(cable, x0, x1, scale, band)
 
 
 @part

@@ -17,17 +17,25 @@ neighbouring samples of one span for bodies, which need many of little.
     the discrete gradient of the gap, n = m + (g1 - g0 - m.dy) dy / |dy|^2 with
 m = (f0 n0 + f1 n1) / (f0 + f1), so that n.dy = g1 - g0, with the distances f from the centre of
 curvature: the last part vanishes on faces, spheres and cylinders, and where dy is round-off;
-    the pressure p = max(0, p_el - c s (g1 - g0) / tau), with the share s of the way that is inside
-and the divided difference p_el = - k s (depth0 + depth1) / 2 of the energy k/2 depth^2, depth < 0;
-    friction f = - min(1, mu p / |T|) T, T = k_t P z0 + (k_t + c_t / tau) P dy, P normal to n, with
-the bristle z, an elastic displacement along the surface in the frame of the obstacle: it ends as
-z1 = (c_t / tau P z0 - f) / (k_t + c_t / tau), or zero where nothing touches. Its energy is
-k_t/2 z^2.
+    the pressure p = - k depth1 at the end of the step, with the energy k/2 depth^2, depth < 0, so
+that contact may be as stiff as it likes: what a step leaves over, it does not swing back;
+    friction f = - min(1, mu p / |T|) T, T = k_t (P z0 + P dy), P normal to n, with the bristle z,
+an elastic displacement along the surface in the frame of the obstacle: it ends as z1 = - f / k_t,
+or zero where nothing touches. Its energy is k_t/2 z^2.
 The force on the cable per length is F = R_middle (p n + f). The obstacle does the work
 F.(r1 - r0) - (p n + f).dy, and the loss is
-    (p - p_el) (g0 - g1) + (k_t/2 + c_t / tau) |z1 - P z0|^2 + k_t/2 (|z0|^2 - |P z0|^2)
-    - f.(P z0 + P dy - z1);
+    k/2 (depth1 - depth0)^2 + p (g0 - depth0)
+    + k_t/2 |z1 - P z0|^2 + k_t/2 (|z0|^2 - |P z0|^2) - f.(P z0 + P dy - z1);
 no part of it is negative.
+
+**Landing.** A step of the midpoint family that stops a sample at a surface within its length leaves
+it any velocity between those of coming and going, v1 = 2 (r1 - r0) / tau - v0, which depends on
+where the step began. So at the end of a step what is pressed gets the velocity that it has after
+contact, relative to the obstacle: along the normal minus the restitution times that at which it
+came, and none across where friction holds. Impulses bring that about, which change the velocities
+least in the metric of the mass (Moreau 1988); with those of the step they obey the law of Coulomb.
+They do nothing where what is pressed already has that velocity, as at rest and in steady sliding.
+Restitution is that of Newton, the same at every step: 0 lies where it lands, 1 loses nothing.
 
 **Rolling.** A cable that twists in space also turns about its axis by an angle phi relative to the
 obstacle, which moves its surface, a radius a off the axis, by - phi l, l = a t x n / (|t| |n|) with
@@ -35,14 +43,11 @@ the tangent t. Friction then sees dy - phi l in place of dy, and turns the cable
 the moment - l.f per length (`engine.rolling`). Without that, friction acts on the axis. The moment
 of friction along the cable, which bends it, is left out.
 
-Implicit steps take all of this as one force. Explicit steps have the elastic pressure in their
-forces and the rest, friction and damping, as a kick at the end of a step (`dissipate`).
-
 **Jumps.** An obstacle that jumps into the cable would fling it out. It yields instead: its reach is
-less by as much as the cable is inside, and grows back at the speed RETURN where the cable gives
-way. Where it cannot, being held or pushed out of two opposite sides, the obstacle waits, and its
-force is bounded. The gap then changes by n.dy and the growth, whose work p times growth is that of
-the obstacle.
+less by as much as leaves the pressure what it was (`simulation.obstacles.give_way`), and grows back
+at the speed RETURN where the cable gives way. Where it does not, being held or pushed out of two
+opposite sides, it grows slowly, and waits at last; its force is bounded. The gap then changes by
+n.dy and the growth, whose work p times growth is that of the obstacle.
 
 **Broad phase.** Groups of samples near an obstacle are found for many steps at once: until cable
 and obstacles have moved by `balance.contact_margin`.
@@ -74,8 +79,6 @@ from dlo_sim.engine.arrays import (
 )
 from dlo_sim.engine.distance_field import field_distance
 from dlo_sim.engine.grasps import POSITION, component, elapsed, moves, turned
-from dlo_sim.engine.lines import add, clear, copy, kinetic, solve_mass
-from dlo_sim.engine.rows import project
 from dlo_sim.terms.one_sided import depth
 from dlo_sim.terms.vectors import combined, cross, dot
 
@@ -86,8 +89,7 @@ UNKNOWN, KNOWN, OF_STEP = 0.0, 1.0, 2.0  # whether that is of the obstacles, and
 # Entries there of a group of samples: points of the cable, their places in the frame of an
 # obstacle, and what `keep` sets.
 POINT, PLACE, DISTANCE, NORMAL, FAR, BEND, SIZE = 0, 3, 6, 7, 10, 11, 17
-# Entries of the law of an obstacle, per length of cable: k, c, k_t, c_t, mu.
-STIFFNESS, DAMPING, BRISTLE, BRISTLE_DAMPING, FRICTION = range(5)
+STIFFNESS, BRISTLE, FRICTION = range(3)  # entries of the law of an obstacle: k, k_t, mu
 # Entries of `work.rolling` of a sample: T without the spin in this step (3), l (3), mu p, and its
 # derivative by y1 (3).
 FREE, LEVER, LIMIT, LEAN = 0, 3, 6, 7
@@ -95,12 +97,13 @@ FREE, LEVER, LIMIT, LEAN = 0, 3, 6, 7
 TINY = 1e-30
 SMOOTH = 1e-18  # [m^2], of a motion of 1e-9 m, below which n needs no directional part
 JUMP = 0.05  # share of the reach that a step may move past an obstacle without a look at normals
-# Share of the velocity of a lumped mass that a kick of friction may take. The mass at the end of a
-# cable is less than half of that, so half would already turn it round.
-KICK = 0.4
 RETURN = 0.2  # [m/s], at which an obstacle that has yielded pushes the cable out
-PRESSED = 0.2  # diameters that a cable may be inside what an obstacle that yields has left
-SHALLOW = 0.03  # diameters that a cable may be inside an obstacle that does not yield
+# Weights of the cable on earth with which what an obstacle that yields has left may press it: at
+# once, and where it does not follow, being held, after RISE [s]: a sudden push would lever it out.
+EASY, PRESSED, RISE, EARTH = 10.0, 200.0, 0.1, 9.81
+SHALLOW = 0.03  # diameters that a cable may begin inside, and of what is not worth a word
+STOP = 1e2  # penalty for other velocities than those after contact, in linear densities
+SAME = 1e-3  # change of an impulse of friction, in its limit, that counts as none
 AHEAD = 16.0  # expected motions of a step that the margin of the broad phase allows for
 
 
@@ -189,26 +192,6 @@ def obstacles_move(cable):
         if moves(cable.inputs.obstacle[o]):
             return True
     return False
-
-
-@piece(float64, int64, int64, terms=CONTACT)
-def give_way(address, obstacle):
-    """Let an obstacle yield to the cable at the present configuration; returns by how much [m]."""
-    cable, o = cable_at(address), obstacle
-    contact, deepest = cable.contact, zero()
-    first = 0 if contact.core[o] == HALF_SPACE else contact.coarse
-    last = contact.coarse if contact.core[o] == HALF_SPACE else len(contact.first)
-    for g in range(first, last):
-        measure(cable, o, g, ENDED, cable.state.x)
-        gap = cable.work.measured[o, g, ENDED][DISTANCE] - contact.reach[o]
-        depth_ = where(fabs(contact.weight[g]), -gap, 0.0)
-        deepest = where(depth_ - deepest, depth_, deepest)
-    most = 0.0
-    for k in range(LANES):
-        most = max(most, lane(deepest, k))
-    cable.state.yielded[o, 1] = most if most > SHALLOW * contact.least_margin else 0.0
-    settle_yielding(cable, o, 1)
-    return cable.state.yielded[o, 1]
 
 
 @part
@@ -338,17 +321,23 @@ def drop(cable, o, g):
 
 
 @part
+def line_at(cable, x, g, line):
+    """One line of x at the samples of a group."""
+    e, at, value = cable.contact.basis[g], cable.contact.first[g], zero()
+    for k in range(4):
+        if g < cable.contact.coarse:
+            value += e[k] * load(x, line, at + k)
+        else:
+            value += e[k] * x[line, at + k]
+    return value
+
+
+@part
 def spin(cable, g, x0, x1):
     """By which angles the cable turns about its axis from x0 to x1 at the samples of a group, in
     the frame that follows its tangent by the smallest rotation.
     """
-    e, at, line, angle = cable.contact.basis[g], cable.contact.first[g], cable.dim, zero()
-    for k in range(4):
-        if g < cable.contact.coarse:
-            angle += e[k] * (load(x1, line, at + k) - load(x0, line, at + k))
-        else:
-            angle += e[k] * (x1[line, at + k] - x0[line, at + k])
-    return angle
+    return line_at(cable, x1, g, cable.dim) - line_at(cable, x0, g, cable.dim)
 
 
 @part
@@ -561,28 +550,23 @@ def misses(contact, o, here, there, dy):
 
 
 @part
-def pressed(k, c, g0, g1):
-    """p_el, p, dp/dg1 for gaps before and after; `c`: damping over the length of the step."""
-    deep, inverse = depth(g0) + depth(g1), 1.0 / (fabs(g0) + fabs(g1) + TINY)
-    share = -deep * inverse
-    elastic = -0.5 * k * deep * share
-    p = elastic - c * share * (g1 - g0)
-    up = sign(g1)
-    slope = -0.5 * k * share * (1.0 - up + share * up) - c * share
-    slope += c * (g1 - g0) * inverse * (0.5 * (1.0 - up) + share * up)
-    p, slope = where(p, p, 0.0), where(p, slope, 0.0)
-    return elastic, p, slope
+def pressed(k, g0, g1):
+    """p, dp/dg1 and the loss of `engine.contact` for gaps before and after."""
+    before, after = depth(g0), depth(g1)
+    p = -k * after
+    loss = 0.5 * k * (before - after) * (before - after) + p * (g0 - before)
+    return p, where(g1, 0.0, zero() - k), loss
 
 
 @part
-def pressure(cable, o, rate, here, there, dy):
-    """Gaps before and after, n, p_el, p, dp/dg1, f0 + f1, 1 where the step may have passed through
-    the obstacle, and 1 near its middle, for a step dy between two `measured`. `rate`: 1 / tau, or 0
-    at its end.
+def pressure(cable, o, steps, here, there, dy):
+    """Gaps before and after, n, loss, p, dp/dg1, f0 + f1, 1 where the step may have passed through
+    the obstacle, and 1 near its middle, for a step dy between two `measured`; not `steps`: at its
+    end, with half the derivative, as of one of two configurations that are the same.
     """
     contact, yielded = cable.contact, cable.state.yielded[o]
     law, reach, both = contact.law[o], contact.reach[o], here[2] + there[2]
-    g0 = here[0] - (reach - (yielded[0] if rate > 0.0 else yielded[1]))
+    g0 = here[0] - (reach - (yielded[0] if steps else yielded[1]))
     g1 = there[0] - (reach - yielded[1])
     n, jumped = there[1], zero()
     if contact.core[o] != HALF_SPACE:
@@ -594,8 +578,10 @@ def pressure(cable, o, rate, here, there, dy):
         jumped = jumped * where(far - JUMP * reach, 1.0, 0.0)
         # Not across the opening of a ring, from one side to the other.
         jumped = jumped * where(-dot(here[1], dy), 1.0, where(dot(there[1], dy), 1.0, 0.0))
-    elastic, p, slope = pressed(law[STIFFNESS], law[DAMPING] * rate, g0, g1)
-    return (g0, g1), n, elastic, p, slope, both, jumped, where(-g1 - contact.middle[o], 1.0, 0.0)
+    p, slope, loss = pressed(law[STIFFNESS], g0, g1)
+    if not steps:
+        slope = 0.5 * slope
+    return (g0, g1), n, loss, p, slope, both, jumped, where(-g1 - contact.middle[o], 1.0, 0.0)
 
 
 @part
@@ -609,16 +595,11 @@ def keep_for_twist(cable, o, g, free, lever, limit, lean):
 
 
 @part
-def rolling_trial(cable, o, g, whole, change):
-    """T of the samples of a group that roll, for a `change`; `whole`: k_t + c_t / tau."""
-    kept, e, at = cable.work.rolling[o, g], cable.contact.basis[g], cable.contact.first[g]
-    angle = zero()
-    for k in range(4):
-        if g < cable.contact.coarse:
-            angle += e[k] * load(change, cable.dim, at + k)
-        else:
-            angle += e[k] * change[cable.dim, at + k]
-    return combined(1.0, three(kept, FREE), -whole * angle, three(kept, LEVER))
+def rolling_trial(cable, o, g, change):
+    """T of the samples of a group that roll, for a `change`."""
+    kept, angle = cable.work.rolling[o, g], line_at(cable, change, g, cable.dim)
+    stiff = cable.contact.law[o, BRISTLE]
+    return combined(1.0, three(kept, FREE), -stiff * angle, three(kept, LEVER))
 
 
 @part
@@ -628,33 +609,31 @@ def along(n, inverse, v):
 
 
 @part
-def friction(law, stiff, n, dy, z, p):
-    """Trial force T, the share of it that holds, |T|, P z, P dy, 1 / |n|^2; `stiff`: k_t and
-    k_t + c_t / tau.
+def friction(stiff, limit, n, dy, z):
+    """Trial force T, the share of it that holds, |T|, P z, P dy, for the largest force `limit`;
+    `stiff`: factors of P z and P dy in T.
     """
     inverse = 1.0 / (dot(n, n) + TINY)
     held, slip = along(n, inverse, z), along(n, inverse, dy)
     trial = combined(stiff[0], held, stiff[1], slip)
     far = sqrt(dot(trial, trial)) + TINY
-    limit = law[FRICTION] * p
-    return trial, where(limit - far, 1.0, limit / far), far, held, slip, inverse
+    return trial, where(limit - far, 1.0, limit / far), far, held, slip
 
 
 # -- forces, energy, Jacobian --------------------------------------------------------------------
 
 
 @piece(
-    *((float64, float64, float64, boolean, float64, float64), CABLE, float64, float64, float64),
-    *(boolean, boolean, LINES, LINES, LINES),
+    *((float64, float64, float64, boolean, float64, float64), CABLE, boolean, boolean),
+    *(LINES, LINES, LINES),
     terms=CONTACT,
 )
-def add_force(cable, springs, rate, most, rubs, waits, x0, x1, out):
+def add_force(cable, steps, waits, x0, x1, out):
     """out += contact force of a step from x0 to x1; the bristles at its end go to `work.trial`.
 
     Args:
-        springs: factor of the elastic pressure, 1 or 0. rate: 1 / tau, 0 for the elastic pressure
-            alone. most: bound of k_t + c_t / tau. rubs: whether there is friction. waits: whether
-            friction waits in `work.rolling` until the twist is known.
+        steps: false for the pressure at x1 = x0 alone. waits: whether friction waits in
+            `work.rolling` until the twist is known.
 
     Returns:
         Work of the obstacles [J], energy put into the bristles [J], loss [J], whether no sample may
@@ -664,13 +643,11 @@ def add_force(cable, springs, rate, most, rubs, waits, x0, x1, out):
     contact, state, work = cable.contact, cable.state, cable.work
     worked, kept, lost, jumps, depths = zero(), zero(), zero(), zero(), zero()
     touched = zero()
-    begun, middle = (BEGUN, MIDDLE) if rate > 0.0 else (ENDED, END)
+    begun, middle = (BEGUN, MIDDLE) if steps else (ENDED, END)
     for o in range(contact.count):
         law, pose = contact.law[o], state.pose[o]
-        rubbed = rubs and law[FRICTION] > 0.0
-        stiff = law[BRISTLE], min(law[BRISTLE] + law[BRISTLE_DAMPING] * rate, most) + TINY
-        rates = stiff[1] - stiff[0]
-        grown = state.yielded[o, 0] - state.yielded[o, 1] if rate > 0.0 else 0.0
+        rubbed, k_t = steps and law[FRICTION] > 0.0, law[BRISTLE]
+        grown = state.yielded[o, 0] - state.yielded[o, 1] if steps else 0.0
         for k in range(int(state.near_count[o])):
             g = int(state.near[o, k])
             if begun == BEGUN and work.measured_known[o, g, BEGUN] != OF_STEP:
@@ -683,11 +660,11 @@ def add_force(cable, springs, rate, most, rubs, waits, x0, x1, out):
                 if rubbed:
                     if waits:
                         work.rolling[o, g, LIMIT] = zero()
-                    stored = 0.5 * stiff[0] * w * drop(cable, o, g)
+                    stored = 0.5 * k_t * w * drop(cable, o, g)
                     lost += stored
                     kept = kept - stored
                 continue
-            gaps, n, elastic, p, slope, _, jumped, deep = pressure(cable, o, rate, here, there, dy)
+            gaps, n, loss, p, slope, _, jumped, deep = pressure(cable, o, steps, here, there, dy)
             jumps += where(w, jumped, 0.0)
             depths += where(w, deep, 0.0)
             # A checksum: every sample adds its mark if it is pressed, 0.7 marks if it ends outside,
@@ -696,17 +673,16 @@ def add_force(cable, springs, rate, most, rubs, waits, x0, x1, out):
             # of samples is seen.
             mark = 1.0 + fabs(before[PLACE]) + fabs(before[PLACE + 1])
             touched += where(p, mark, 0.0) + where(gaps[1], 0.7 * mark, 0.0)
-            lost += w * (p - elastic) * (gaps[0] - gaps[1])
-            pressed = p - (1.0 - springs) * elastic
-            worked += w * grown * pressed
-            f = scaled(pressed, n)
+            lost += w * loss
+            worked += w * grown * p
+            f = scaled(p, n)
             if rubbed:
                 z = vector_of(state.bristle[o, g])
                 seen = dy
                 if cable.terms & ROLLING:
                     phi, lever = rolled(cable, o, g, x0, x1, n)
                     seen = combined(1.0, dy, -phi, lever)
-                trial, share, _, held, slip, _ = friction(law, stiff, n, seen, z, p)
+                trial, share, _, held, slip = friction((k_t, k_t), law[FRICTION] * p, n, seen, z)
                 if not waits:
                     f = combined(1.0, f, -share, trial)
                 if cable.terms & ROLLING:
@@ -714,22 +690,22 @@ def add_force(cable, springs, rate, most, rubs, waits, x0, x1, out):
                     moment = share * dot(lever, trial)
                     worked += w * moment * (own - phi)
                     if waits:
-                        free = combined(1.0, trial, own * stiff[1], lever)
+                        free = combined(1.0, trial, own * k_t, lever)
                         lean = scaled(law[FRICTION] * slope, there[1])
                         keep_for_twist(cable, o, g, free, lever, law[FRICTION] * p, lean)
                     else:
                         push_line(cable, g, cable.dim, w * moment, out)
                 else:
                     touched += where(p, where(1.0 - share, 1.7 * mark, 0.0), 0.0)
-                z1 = scaled(1.0 / stiff[1], combined(rates, held, share, trial))
+                z1 = scaled(share / k_t, trial)
                 z1 = where(p, z1[0], 0.0), where(p, z1[1], 0.0), where(p, z1[2], 0.0)
                 change = combined(1.0, z1, -1.0, held)
                 slid = combined(1.0, combined(1.0, held, 1.0, slip), -1.0, z1)
                 full, stored = dot(z, z), dot(z1, z1)
-                loss = (0.5 * stiff[0] + rates) * dot(change, change)
-                loss += 0.5 * stiff[0] * (full - dot(held, held)) + share * dot(trial, slid)
-                lost += w * where(p, loss, 0.5 * stiff[0] * full)
-                kept += 0.5 * stiff[0] * w * (stored - full)
+                loss = 0.5 * k_t * (dot(change, change) + full - dot(held, held))
+                loss += share * dot(trial, slid)
+                lost += w * where(p, loss, 0.5 * k_t * full)
+                kept += 0.5 * k_t * w * (stored - full)
                 ends = work.trial[o, g]
                 ends[0], ends[1], ends[2] = z1
             on_lines = to_lines(pose, middle, f)
@@ -743,7 +719,7 @@ def add_force(cable, springs, rate, most, rubs, waits, x0, x1, out):
 @part
 def add_elastic_force(cable, x, out):
     """out += elastic pressure at one configuration."""
-    add_force(cable, 1.0, 0.0, 0.0, NO, NO, x, x, out)
+    add_force(cable, NO, NO, x, x, out)
 
 
 @piece(void, CABLE, LINES, VECTOR, terms=CONTACT)
@@ -783,10 +759,8 @@ def pressed_by_motion(there, found):
 
 
 @part
-def rubbed_by_motion(law, whole, there, found, trial):
-    """Minus d f / d y1, by lines, for the trial force of `friction` or `rolling_trial`; `whole`:
-    k_t + c_t / tau.
-    """
+def rubbed_by_motion(law, there, found, trial):
+    """Minus d f / d y1, by lines, for the trial force of `friction` or `rolling_trial`."""
     n1 = there[1]
     _, n, _, p, slope, _, _, _ = found
     far = sqrt(dot(trial, trial)) + TINY
@@ -794,7 +768,7 @@ def rubbed_by_motion(law, whole, there, found, trial):
     share = where(limit - far, 1.0, limit / far)
     slides = where(share - 1.0 + 1e-15, 0.0, 1.0) * where(p, 1.0, 0.0)
     ahead = scaled(1.0 / far, trial)
-    hold, lean = share * whole, law[FRICTION] * slides * slope
+    hold, lean = share * law[BRISTLE], law[FRICTION] * slides * slope
     gone, flat = hold * slides, hold / (dot(n, n) + TINY)
     h = (
         combined(lean * ahead[0], n1, -flat * n[0], n),
@@ -814,17 +788,16 @@ def rubbed_by_motion(law, whole, there, found, trial):
 
 
 @piece(
-    *(void, CABLE, float64, boolean, LINES, LINES, float64, LINES),
+    *(void, CABLE, boolean, LINES, LINES, float64, LINES),
     terms=CONTACT,
 )
-def add_tangent(cable, rate, rubs, x0, x1, scale, band):
+def add_tangent(cable, steps, x0, x1, scale, band):
     """band -= scale times the Jacobian of `add_force` by x1, with which it was called last."""
-    contact, state, work, dim = cable.contact, cable.state, cable.work, cable.dim
-    begun = BEGUN if rate > 0.0 else ENDED
+    contact, state, work = cable.contact, cable.state, cable.work
+    begun = BEGUN if steps else ENDED
     for o in range(contact.count):
-        law, pose, block = contact.law[o], state.pose[o], -1
-        rubbed = rubs and law[FRICTION] > 0.0
-        stiff = law[BRISTLE], law[BRISTLE] + law[BRISTLE_DAMPING] * rate + TINY
+        law, block = contact.law[o], -1
+        rubbed = steps and law[FRICTION] > 0.0
         for k in range(int(state.near_count[o])):
             g = int(state.near[o, k])
             if begun == BEGUN and work.measured_known[o, g, BEGUN] != OF_STEP:
@@ -835,47 +808,56 @@ def add_tangent(cable, rate, rubs, x0, x1, scale, band):
             here, there = measured(before), measured(after)
             if misses(contact, o, here, there, dy):
                 continue
-            found = pressure(cable, o, rate, here, there, dy)
+            found = pressure(cable, o, steps, here, there, dy)
             if lane_sum(found[3]) == 0.0:
                 continue
             h = pressed_by_motion(there, found)
             if rubbed:
-                z = vector_of(state.bristle[o, g])
-                trial = friction(law, stiff, found[1], dy, z, found[3])[0]
                 if cable.terms & ROLLING:
-                    trial = rolling_trial(cable, o, g, stiff[1], work.change)
-                rub = rubbed_by_motion(law, stiff[1], there, found, trial)
+                    trial = rolling_trial(cable, o, g, work.change)
+                else:
+                    z, limit = vector_of(state.bristle[o, g]), law[FRICTION] * found[3]
+                    k_t = law[BRISTLE]
+                    trial = friction((k_t, k_t), limit, found[1], dy, z)[0]
+                rub = rubbed_by_motion(law, there, found, trial)
                 h = (
                     combined(1.0, h[0], 1.0, rub[0]),
                     combined(1.0, h[1], 1.0, rub[1]),
                     combined(1.0, h[2], 1.0, rub[2]),
                 )
-            # R_middle h R_end^T
-            c0, c1, c2 = (
-                to_lines(pose, END, h[0]),
-                to_lines(pose, END, h[1]),
-                to_lines(pose, END, h[2]),
-            )
-            w, coarse = scale * contact.weight[g], g < contact.coarse
-            if coarse and contact.first[g] != block:
-                if block >= 0:
-                    add_block(cable, block, band)
-                clear_sums(work.contact_sums)
-                block = contact.first[g]
-            for i in range(dim):
-                f = combined(pose[MIDDLE + 3 * i], c0, pose[MIDDLE + 3 * i + 1], c1)
-                f = scaled(w, combined(1.0, f, pose[MIDDLE + 3 * i + 2], c2))
-                if coarse:
-                    add_line(work.contact_sums, contact.basis[g], dim, i, f)
-                else:
-                    store(work.contact_values, i * dim, 0, f[0])
-                    store(work.contact_values, i * dim + 1, 0, f[1])
-                    if dim == 3:
-                        store(work.contact_values, i * dim + 2, 0, f[2])
-            if not coarse:
-                add_span(cable, g, band)
+            block = add_samples(cable, o, g, MIDDLE, h, scale, block, band)
         if block >= 0:
             add_block(cable, block, band)
+
+
+@part
+def add_samples(cable, o, g, turned_at, h, scale, block, band):
+    """band += `scale` times the integral of R h R_end^T over the samples of a group, with R of the
+    pose at `turned_at`. Samples on half spaces wait in `work.contact_sums` until another block of
+    spans begins; returns the block that waits, or -1.
+    """
+    contact, work, dim, pose = cable.contact, cable.work, cable.dim, cable.state.pose[o]
+    c0, c1, c2 = to_lines(pose, END, h[0]), to_lines(pose, END, h[1]), to_lines(pose, END, h[2])
+    w, coarse = scale * contact.weight[g], g < contact.coarse
+    if coarse and contact.first[g] != block:
+        if block >= 0:
+            add_block(cable, block, band)
+        clear_sums(work.contact_sums)
+        block = contact.first[g]
+    for i in range(dim):
+        at = turned_at + 3 * i
+        f = combined(pose[at], c0, pose[at + 1], c1)
+        f = scaled(w, combined(1.0, f, pose[at + 2], c2))
+        if coarse:
+            add_line(work.contact_sums, contact.basis[g], dim, i, f)
+        else:
+            store(work.contact_values, i * dim, 0, f[0])
+            store(work.contact_values, i * dim + 1, 0, f[1])
+            if dim == 3:
+                store(work.contact_values, i * dim + 2, 0, f[2])
+    if not coarse:
+        add_span(cable, g, band)
+    return block
 
 
 @part
@@ -948,6 +930,175 @@ def add_pair(dim, first, one, other, i, c, value, band):
     band[(first + one) * dim + i, at + apart] += value
     if other > one:
         band[(first + other) * dim + i, at - apart] += value
+
+
+# -- velocities after contact --------------------------------------------------------------------
+
+
+@part
+def pose_rate(pose, k, f, g):
+    """f times the change of entry k of a pose in the first half of a step, g in the second."""
+    early, late = pose[MIDDLE + k] - pose[START + k], pose[END + k] - pose[MIDDLE + k]
+    return f * early + g * late
+
+
+@part
+def body_velocity(pose, y, begins, tau):
+    """Velocity (3, by line) of points y in the frame of an obstacle at the beginning or the end of
+    a step: that of the parabola through its three poses.
+    """
+    f, g = (3.0 / tau, -1.0 / tau) if begins else (-1.0 / tau, 3.0 / tau)
+    turned_by = (
+        (pose_rate(pose, 0, f, g), pose_rate(pose, 1, f, g), pose_rate(pose, 2, f, g)),
+        (pose_rate(pose, 3, f, g), pose_rate(pose, 4, f, g), pose_rate(pose, 5, f, g)),
+        (pose_rate(pose, 6, f, g), pose_rate(pose, 7, f, g), pose_rate(pose, 8, f, g)),
+    )
+    return (
+        dot(turned_by[0], y) + pose_rate(pose, 9, f, g),
+        dot(turned_by[1], y) + pose_rate(pose, 10, f, g),
+        dot(turned_by[2], y) + pose_rate(pose, 11, f, g),
+    )
+
+
+@part
+def is_pressed(cable, o, g):
+    """Whether any sample of a group is pressed at the end of a step, as last looked at."""
+    gap = cable.work.measured[o, g, ENDED][DISTANCE] - cable.contact.reach[o]
+    return any_above(-(gap + cable.state.yielded[o, 1]))
+
+
+@part
+def after_contact(cable, o, g, tau, v):
+    """Of the samples of a group at the end of a step, in the frame of the obstacle: normal n,
+    impulses of pressure and friction per length, velocity of the surface of the cable in `v` less
+    that of the obstacle, by which its part along n exceeds that after contact, and lever l; and the
+    velocity of the obstacle, by line.
+    """
+    contact, work, pose, law = cable.contact, cable.work, cable.state.pose[o], cable.contact.law[o]
+    before, after = work.measured[o, g, BEGUN], work.measured[o, g, ENDED]
+    here, there = measured(before), measured(after)
+    dy = combined(1.0, three(after, PLACE), -1.0, three(before, PLACE))
+    found = pressure(cable, o, YES, here, there, dy)
+    n, p, rubbed, lever = there[1], found[3], (zero(), zero(), zero()), (zero(), zero(), zero())
+    carried = body_velocity(pose, three(after, PLACE), NO, tau)
+    u = turned_back(pose, END, combined(1.0, sample_at(cable, v, g), -1.0, carried))
+    if law[FRICTION] > 0.0:
+        limit, z = law[FRICTION] * p, vector_of(cable.state.bristle[o, g])
+        if cable.terms & ROLLING:
+            lever = three(work.rolling[o, g], LEVER)
+            spins = line_at(cable, v, g, cable.dim)
+            t = turned_back(pose, END, weighted(cable, cable.state.x, g, contact.slope[g]))
+            turn = dot(obstacle_turn(pose), t) / (tau * sqrt(dot(t, t)) + TINY)
+            u = combined(1.0, u, turn - spins, lever)
+            trial = rolling_trial(cable, o, g, work.change)
+            far = sqrt(dot(trial, trial)) + TINY
+            share = where(limit - far, 1.0, limit / far)
+        else:
+            trial, share, _, _, _ = friction((law[BRISTLE], law[BRISTLE]), limit, found[1], dy, z)
+        rubbed = scaled(-tau * share, trial)
+    came = body_velocity(pose, three(before, PLACE), YES, tau)
+    came = combined(1.0, sample_at(cable, work.start_v, g), -1.0, came)
+    speed = dot(here[1], turned_back(pose, START, came))
+    excess = dot(n, u) + contact.restitution * where(speed, 0.0, speed)
+    return n, p * tau, rubbed, u, excess, lever, carried
+
+
+@piece((float64, float64), CABLE, float64, LINES, terms=CONTACT)
+def begin_stops(cable, tau, v):
+    """Energy [J] of velocities that contact changes at the end of a step, and of its impulses in
+    it; sets `work.stops`, whether friction holds a sample (1 or 0), its impulse where it slides,
+    less that of the step (3), and what is known of the impulse of the pressure, less that.
+    """
+    contact, open_, spent = cable.contact, zero(), zero()
+    for o in range(contact.count):
+        for k in range(int(cable.state.near_count[o])):
+            g = int(cable.state.near[o, k])
+            if not is_pressed(cable, o, g):
+                continue
+            n, p, rubbed, u, excess, _, _ = after_contact(cable, o, g, tau, v)
+            limit = contact.law[o, FRICTION] * p
+            holds = where(limit * limit - (1.0 + SAME) * dot(rubbed, rubbed), 1.0, 0.0)
+            across = combined(1.0, u, -dot(n, u), n)
+            lacking = where(p, excess * excess, 0.0) + holds * dot(across, across)
+            open_ += contact.weight[g] * lacking
+            spent += contact.weight[g] * p * p
+            stops = cable.work.stops[o, g]
+            stops[0], stops[1], stops[2], stops[3], stops[4] = holds, zero(), zero(), zero(), zero()
+    return 0.5 * contact.density * lane_sum(open_), 0.5 / contact.density * lane_sum(spent)
+
+
+@piece(void, CABLE, float64, LINES, LINES, LINES, terms=CONTACT)
+def add_stops(cable, tau, v, push, band):
+    """push += impulses on samples that have the velocities v, and band += their dependence on a
+    change of v: penalties for other velocities than those after contact, and friction that slides.
+    """
+    contact, stiff = cable.contact, STOP * cable.contact.density
+    for o in range(contact.count):
+        pose, block = cable.state.pose[o], -1
+        for k in range(int(cable.state.near_count[o])):
+            g = int(cable.state.near[o, k])
+            if not is_pressed(cable, o, g):
+                continue
+            n, p, _, u, excess, lever, _ = after_contact(cable, o, g, tau, v)
+            stops, w = cable.work.stops[o, g], contact.weight[g]
+            across = combined(1.0, u, -dot(n, u), n)
+            f = combined(1.0, three(stops, 1), -stiff * stops[0], across)
+            if cable.terms & ROLLING:
+                push_line(cable, g, cable.dim, -w * dot(lever, f), push)
+            f = combined(1.0, f, where(p, stops[4] - stiff * excess, 0.0), n)
+            push_samples(cable, g, scaled(w, to_lines(pose, END, f)), push)
+            hold = stiff * stops[0]
+            m = scaled(where(p, stiff, 0.0) - hold, n)
+            a, b, c = scaled(n[0], m), scaled(n[1], m), scaled(n[2], m)
+            h = (hold + a[0], a[1], a[2]), (b[0], hold + b[1], b[2]), (c[0], c[1], hold + c[2])
+            block = add_samples(cable, o, g, END, h, 1.0, block, band)
+        if block >= 0:
+            add_block(cable, block, band)
+
+
+@piece((boolean, float64), CABLE, float64, LINES, boolean, terms=CONTACT)
+def look_at_stops(cable, tau, v, last):
+    """Whether friction holds and slides as `add_stops` had it, with the velocities v after it, and
+    the work of the obstacles [J]. If not, and not at the `last` time, `work.stops` is set anew.
+    """
+    contact, stiff = cable.contact, STOP * cable.contact.density
+    worked, wrong = zero(), zero()
+    for o in range(contact.count):
+        pose, friction_ = cable.state.pose[o], contact.law[o, FRICTION]
+        for k in range(int(cable.state.near_count[o])):
+            g = int(cable.state.near[o, k])
+            if not is_pressed(cable, o, g):
+                continue
+            n, p, rubbed, u, excess, _, carried = after_contact(cable, o, g, tau, v)
+            stops, w = cable.work.stops[o, g], contact.weight[g]
+            push = where(p, stops[4] - stiff * excess, 0.0)
+            across = combined(1.0, u, -dot(n, u), n)
+            f = combined(1.0, three(stops, 1), -stiff * stops[0], across)
+            worked += w * dot(to_lines(pose, END, combined(1.0, f, push, n)), carried)
+            if contact.restitution > 0.0:
+                # The penalty leaves a share of 1 / STOP, which counts where it should bounce.
+                wrong += where(w, where(fabs(excess) * stiff - SAME * fabs(push), 1.0, 0.0), 0.0)
+            if not last:
+                stops[4] = push if contact.restitution > 0.0 else stops[4]
+            if friction_ == 0.0:
+                continue
+            limit = friction_ * where(p + push, p + push, 0.0)
+            whole = combined(1.0, rubbed, 1.0, f)
+            size = sqrt(dot(whole, whole)) + TINY
+            speed = sqrt(dot(across, across)) + TINY
+            # What held slides beyond the limit of Coulomb; what slid the way it is pushed holds.
+            slips = stops[0] * where(size - (1.0 + SAME) * limit, 1.0, 0.0)
+            sticks = (1.0 - stops[0]) * where(dot(across, whole), 1.0, 0.0) * where(p, 1.0, 0.0)
+            way = combined(stops[0] / size, whole, (stops[0] - 1.0) / speed, across)
+            slid = combined(limit, way, -1.0, rubbed)
+            off = combined(1.0, slid, -1.0, three(stops, 1))
+            slides = (1.0 - stops[0]) * (1.0 - sticks) * where(p, 1.0, 0.0)
+            apart = where(dot(off, off) - SAME * SAME * (limit * limit + p * p), slides, 0.0)
+            wrong += where(w, slips + sticks + apart, 0.0)
+            if not last:
+                stops[0] = stops[0] * (1.0 - slips) + sticks
+                stops[1], stops[2], stops[3] = scaled(slips + slides, slid)
+    return lane_sum(wrong) == 0.0, lane_sum(worked)
 
 
 # -- broad phase ---------------------------------------------------------------------------------
@@ -1027,8 +1178,14 @@ def begin(cable, t0, tau, way, x):
             known = cable.work.measured_known[o, int(cable.state.near[o, k])]
             known[BEGUN] = min(known[BEGUN], KNOWN)
         if cable.state.yielded[o, 0] > 0.0:
-            least = deepest_begun(cable, o, x) - PRESSED * cable.contact.least_margin
-            least = min(least, cable.state.yielded[o, 0])  # no further in, whatever pulls
+            laid = EARTH * cable.contact.density / cable.contact.law[o, STIFFNESS]
+            before = cable.state.yielded[o, 0]
+            deepest = deepest_begun(cable, o, x)
+            out = cable.state.yielded[o, 2] - deepest  # in the last step
+            room = max(deepest - before + out, EASY * laid) + PRESSED * laid * tau / RISE
+            least = deepest - min(room, PRESSED * laid)
+            cable.state.yielded[o, 2] = deepest
+            least = min(least, before)  # no further in, whatever pulls
             cable.state.yielded[o, 1] = max(cable.state.yielded[o, 1], least)
 
 
@@ -1070,12 +1227,12 @@ def keep_bristles(cable):
         settle_yielding(cable, o, 1)
 
 
-@piece(float64, CABLE, float64, LINES, LINES, LINES, terms=CONTACT)
-def look(cable, tau, x0, x1, spare):
+@piece(float64, CABLE, LINES, LINES, LINES, terms=CONTACT)
+def look(cable, x0, x1, spare):
     """Find what the contact in an implicit step from x0 to x1 does, for `accept`; `spare` is
     overwritten. Returns the number that changes with what touches and what slides.
     """
-    found = add_force(cable, 1.0, 1.0 / tau, np.inf, YES, NO, x0, x1, spare)
+    found = add_force(cable, YES, NO, x0, x1, spare)
     results = cable.work.results
     results.contact_work, results.contact_loss, results.contact_deep = found[0], found[2], found[4]
     results.contact_sane = 1.0 if found[3] else 0.0
@@ -1085,7 +1242,7 @@ def look(cable, tau, x0, x1, spare):
 @piece(boolean, CABLE, LINES, terms=CONTACT)
 def accept(cable, change):
     """Account for the contact in an implicit step by this change that converged, at whose end
-    `look` has looked, and keep its bristles.
+    `look` has looked.
 
     Returns whether the step may stand: nothing passed through an obstacle, and all that came near
     one was looked at.
@@ -1101,82 +1258,7 @@ def accept(cable, change):
     balance.contact_deep += results.contact_deep
     balance.drive_work += results.contact_work
     balance.dissipated += results.contact_loss
-    keep_bristles(cable)
     return True
-
-
-# -- explicit steps ------------------------------------------------------------------------------
-
-
-@part
-def contact_energy(cable, x):
-    """`energy` [J], into `work.energies`, which is spare between steps."""
-    cable.work.energies[TOUCHING] = 0.0
-    energy(cable, x, cable.work.energies)
-    return cable.work.energies[TOUCHING]
-
-
-@piece(void, CABLE, float64, LINES, terms=CONTACT)
-def carry_obstacles(cable, t, x):
-    """Move the obstacles to their poses at time t; the change of energy is their work."""
-    if not obstacles_move(cable):
-        return
-    before = contact_energy(cable, x)
-    for o in range(cable.contact.count):
-        set_pose(cable, o, END, t)
-    cable.state.balance.drive_work += contact_energy(cable, x) - before
-
-
-@part
-def begin_kicks(cable, t0, tau):
-    """Prepare an explicit step, which is expected to move the cable as the last one did."""
-    balance, x = cable.state.balance, cable.state.x
-    copy(x, cable.work.start)
-    begin(cable, t0, tau, balance.contact_moved, x)
-    growing = False
-    for o in range(cable.contact.count):
-        copy_pose(cable.state.pose[o], START, END)  # `carry_obstacles` moves it on
-        growing = growing or cable.state.yielded[o, 0] > 0.0
-    if growing:  # all at once, at the start of the step
-        after = contact_energy(cable, x)
-        for o in range(cable.contact.count):
-            left, cable.state.yielded[o, 1] = cable.state.yielded[o, 1], cable.state.yielded[o, 0]
-            cable.state.yielded[o, 0] = left
-        balance.drive_work += after - contact_energy(cable, x)
-        for o in range(cable.contact.count):
-            settle_yielding(cable, o, 0)
-        cable.work.results.forces_known = 0.0
-
-
-@piece(boolean, CABLE, float64, terms=CONTACT)
-def dissipate(cable, tau):
-    """Friction and damping of an explicit step as a kick of w at its end.
-
-    The energy that it takes from w and from the bristles is lost, but for the work of moving
-    obstacles. c_t is reduced to what a kick bears: it must not turn a sliding sample round.
-
-    Returns whether the step may stand, as `accept`.
-    """
-    balance = cable.state.balance
-    x0, x1, w, out = cable.work.start, cable.state.x, cable.state.w, cable.work.change
-    clear(out)
-    most = KICK * cable.contact.density / (tau * tau)
-    worked, kept, _, sane, deep, _ = add_force(cable, 0.0, 1.0 / tau, most, YES, NO, x0, x1, out)
-    before = kinetic(cable, w)
-    solve_mass(cable, out)
-    if cable.rows.count:
-        project(cable, out, cable.work.multipliers)
-    add(tau, out, w)
-    balance.drive_work += worked
-    balance.dissipated += before - kinetic(cable, w) + worked - kept
-    keep_bristles(cable)
-    for d in range(cable.dim):
-        for c in range(0, cable.columns, LANES):
-            store(out, d, c, load(x1, d, c) - load(x0, d, c))
-    balance.contact_moved = largest_way(cable, out) + balance.contact_carried
-    balance.contact_way += balance.contact_moved
-    balance.contact_deep += deep
-    return sane and balance.contact_way <= balance.contact_margin
 
 
 # -- what touches, for reports -------------------------------------------------------------------

@@ -5,17 +5,18 @@ With the unit tangent t and the parts v_n = v - t (t . v) across and v_t = t . v
 the force per length of air is - (c_n - c_t) v_n: the excess of the normal over the tangential drag,
 as the isotropic part, - c_t v, belongs to the linear damping. That of water is, with the velocity
 relative to the current u = v - current (Morison, without added mass),
-    - k_n |u_n| u_n - k_t |u_t| u_t t,   k_n = rho C_n D / 2,   k_t = rho C_t pi D / 2.
-At the velocity of the cable they dissipate; water also works on the
-cable where it flows.
+    - k_n |u_n| u_n - k_t |u_t| u_t t,   k_n = rho C_n D / 2,   k_t = rho C_t pi D / 2,
+times the share of the section in water where that has a surface (`terms.wet_section`). At the
+velocity of the cable they dissipate; water also works on the cable where it flows.
 """
 
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import fabs, sqrt, zero
 from dlo_sim.compiling.pieces import part, piece
-from dlo_sim.engine.arrays import DRAG
+from dlo_sim.engine.arrays import DRAG, SURFACE
 from dlo_sim.engine.band import add_to_spans
+from dlo_sim.engine.buoyancy import depth_at, depth_polynomial
 from dlo_sim.engine.spans import (
     add_cubic,
     basis_at,
@@ -28,22 +29,23 @@ from dlo_sim.engine.spans import (
 )
 from dlo_sim.engine.term import DAMPING, DAMPING_TANGENT
 from dlo_sim.terms.vectors import combined, dot
+from dlo_sim.terms.wet_section import share
 
 SLOWEST = 1e-12  # [m/s] below which a velocity across the cable has no direction
 
 
 @part
-def law(physics, t, v):
-    """Force per length, but for its sign, at the unit tangent t and the velocity v [N/m]; returns
-    it and u_t, u_n, |u_n|.
+def law(physics, t, v, wet):
+    """Force per length, but for its sign, at the unit tangent t and the velocity v [N/m], of which
+    the share `wet` of the section is in water; returns it and u_t, u_n, |u_n|.
     """
     water = physics.water_current
     u = v[0] - water[0], v[1] - water[1], v[2] - water[2]
     v_t, u_t = dot(t, v), dot(t, u)
     v_n, u_n = combined(1.0, v, -v_t, t), combined(1.0, u, -u_t, t)
     speed = sqrt(dot(u_n, u_n))
-    force = combined(physics.drag_across, v_n, physics.water_across * speed, u_n)
-    force = combined(1.0, force, physics.water_along * fabs(u_t) * u_t, t)
+    force = combined(physics.drag_across, v_n, wet * physics.water_across * speed, u_n)
+    force = combined(1.0, force, wet * physics.water_along * fabs(u_t) * u_t, t)
     return force, u_t, u_n, speed
 
 
@@ -58,7 +60,7 @@ def drag_force(cable, x, moved, scale, out):
         for j in range(cable.samples):
             xi, w = mesh.xi[b, j], mesh.weight[b, j]
             v = velocity_at(mesh, b, r, xi, scale)
-            f, _, _, _ = law(cable.physics, unit_at(p, xi), v)
+            f, _, _, _ = law(cable.physics, unit_at(p, xi), v, wet_at(cable, b, x, xi))
             f0 = add_cubic(f0, w * f[0], xi)
             f1 = add_cubic(f1, w * f[1], xi)
             f2 = add_cubic(f2, w * f[2], xi)
@@ -82,8 +84,9 @@ def drag_tangent(cable, x, moved, scale, band):
         for k in range(cable.samples):
             xi, factors, weight = mesh.xi[b, k], cable.work.factors[k], scale * mesh.weight[b, k]
             t = unit_at(p, xi)
-            _, u_t, u_n, speed = law(physics, t, velocity_at(mesh, b, r, xi, scale))
-            water, along = physics.water_across * speed, physics.water_along * fabs(u_t)
+            wet = wet_at(cable, b, x, xi)
+            _, u_t, u_n, speed = law(physics, t, velocity_at(mesh, b, r, xi, scale), wet)
+            water, along = wet * physics.water_across * speed, wet * physics.water_along * fabs(u_t)
             store_three(factors, 0, t)
             store_three(factors, 3, combined(1.0 / (speed + SLOWEST), u_n, 0.0, t))
             across = physics.drag_across + water
@@ -109,6 +112,14 @@ def add_pairs(cable, b, i, j, band):
                 both = basis_at(mesh, b, first, inverse, xi)
                 sum_ += f[k, 9] * (both * basis_at(mesh, b, other, inverse, xi))
             add_to_spans(cable, b, first, other, i, j, sum_, band)
+
+
+@part
+def wet_at(cable, b, x, xi):
+    """Share of the section in water at a sample."""
+    if cable.terms & SURFACE:
+        return share(depth_at(cable, b, depth_polynomial(cable, x, b), xi))
+    return zero() + 1.0
 
 
 @part

@@ -3,7 +3,7 @@
 A cable that twists in space turns about its axis by phi at a sample that touches, which friction
 sees as a motion - phi l of its surface with the lever l (`engine.contact`). With the trial force
 T0 at phi = 0 the friction of a step is
-    f = - min(1, mu p / |T|) T,   T = T0 - (k_t + c_t / tau) phi l,
+    f = - min(1, mu p / |T|) T,   T = T0 - k_t phi l,
 and turns the cable by the moment m = - l.f per length. Its derivative is - l.H l, where H, minus
 the derivative of f by the motion of the surface, is positive semidefinite.
 
@@ -21,29 +21,30 @@ in a band, and the solution for a right-hand side (r, 0) is S^-1 r in the unknow
 
 from __future__ import annotations
 
-from numba import boolean, float64, void
+from numba import boolean, void
 
 from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, where
-from dlo_sim.compiling.pieces import part, piece
-from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, ROLLING
+from dlo_sim.compiling.pieces import YES, part, piece
+from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, PADDING, ROLLING, VECTOR
 from dlo_sim.engine.band import (
     clamps_here,
     clear_band,
     eliminate,
     frame_of,
     own_point,
+    substitute,
     turn_entries,
 )
 from dlo_sim.engine.contact import (
     BRISTLE,
-    BRISTLE_DAMPING,
     END,
     FRICTION,
     LEAN,
     LEVER,
     LIMIT,
     MIDDLE,
+    STOP,
     TINY,
     clear_sums,
     push_line,
@@ -60,13 +61,12 @@ HALF = 4 * FOUR - 1  # half the bandwidth
 
 
 @part
-def rolling_friction(cable, o, g, tau, change):
-    """T, the share of it that holds, |T|, l and k_t + c_t / tau of the samples of a group."""
-    kept, law = cable.work.rolling[o, g], cable.contact.law[o]
-    whole = law[BRISTLE] + law[BRISTLE_DAMPING] / tau + TINY
-    trial = rolling_trial(cable, o, g, whole, change)
+def rolling_friction(cable, o, g, change):
+    """T, the share of it that holds, |T|, l and k_t of the samples of a group."""
+    kept, k_t = cable.work.rolling[o, g], cable.contact.law[o, BRISTLE]
+    trial = rolling_trial(cable, o, g, change)
     far, limit = sqrt(dot(trial, trial)) + TINY, kept[LIMIT]
-    return trial, where(limit - far, 1.0, limit / far), far, three(kept, LEVER), whole
+    return trial, where(limit - far, 1.0, limit / far), far, three(kept, LEVER), k_t
 
 
 @part
@@ -81,20 +81,20 @@ def any_pressed(cable, o, g):
     return lane_sum(cable.work.rolling[o, g, LIMIT]) > 0.0
 
 
-@piece(void, CABLE, float64, LINES, LINES, terms=ROLLING)
-def add_moments(cable, tau, change, out):
+@piece(void, CABLE, LINES, LINES, terms=ROLLING)
+def add_moments(cable, change, out):
     """out += moments of friction on the twist line, for a `change` in the step."""
     for o in range(cable.contact.count):
         for k in range(groups_near(cable, o)):
             g = int(cable.state.near[o, k])
             if any_pressed(cable, o, g):
-                trial, share, _, lever, _ = rolling_friction(cable, o, g, tau, change)
+                trial, share, _, lever, _ = rolling_friction(cable, o, g, change)
                 moment = cable.contact.weight[g] * share * dot(lever, trial)
                 push_line(cable, g, cable.dim, moment, out)
 
 
-@piece(void, CABLE, float64, LINES, LINES, terms=ROLLING)
-def add_stiffness(cable, tau, change, matrix):
+@piece(void, CABLE, LINES, LINES, terms=ROLLING)
+def add_stiffness(cable, change, matrix):
     """Add l.H l to the matrix of the twist, its lower diagonals, entry (i + k, i) at [k, i]."""
     contact = cable.contact
     for o in range(contact.count):
@@ -102,29 +102,38 @@ def add_stiffness(cable, tau, change, matrix):
             g = int(cable.state.near[o, k])
             if not any_pressed(cable, o, g):
                 continue
-            trial, share, far, lever, stiff = rolling_friction(cable, o, g, tau, change)
+            trial, share, far, lever, stiff = rolling_friction(cable, o, g, change)
             ahead = dot(lever, trial) / far
             held = dot(lever, lever) - where(share - 1.0 + 1e-15, 0.0, ahead * ahead)
             held = contact.weight[g] * share * stiff * held
-            e, first = contact.basis[g], contact.first[g] - MARGIN
-            for a in range(4):
-                for b in range(a, 4):
-                    value = e[a] * e[b] * held
-                    if g < contact.coarse:
-                        for span in range(min(LANES, cable.n - 3 - first)):
-                            matrix[b - a, first + span + a] += lane(value, span)
-                    else:
-                        matrix[b - a, first + a] += lane_sum(value)
+            add_to_twist(cable, g, held, matrix)
 
 
-@piece(void, CABLE, float64, LINES, LINES, terms=ROLLING)
-def push_rolling(cable, tau, change, out):
+@part
+def add_to_twist(cable, g, held, matrix):
+    """matrix += the stiffnesses `held` of the samples of a group against their spin, as of
+    `add_stiffness`.
+    """
+    contact = cable.contact
+    e, first = contact.basis[g], contact.first[g] - MARGIN
+    for a in range(4):
+        for b in range(a, 4):
+            value = e[a] * e[b] * held
+            if g < contact.coarse:
+                for span in range(min(LANES, cable.n - 3 - first)):
+                    matrix[b - a, first + span + a] += lane(value, span)
+            else:
+                matrix[b - a, first + a] += lane_sum(value)
+
+
+@piece(void, CABLE, LINES, LINES, terms=ROLLING)
+def push_rolling(cable, change, out):
     """out += friction on the shape, which `contact.add_force` left out."""
     for o in range(cable.contact.count):
         for k in range(groups_near(cable, o)):
             g = int(cable.state.near[o, k])
             if any_pressed(cable, o, g):
-                trial, share, _, _, _ = rolling_friction(cable, o, g, tau, change)
+                trial, share, _, _, _ = rolling_friction(cable, o, g, change)
                 f = scaled(-cable.contact.weight[g] * share, trial)
                 push_samples(cable, g, to_lines(cable.state.pose[o], MIDDLE, f), out)
 
@@ -142,12 +151,12 @@ def rolls(cable):
     return False
 
 
-@piece(boolean, CABLE, float64, LINES, LINES, LINES, terms=ROLLING)
-def eliminate_rolling(cable, tau, pushed, kept, matrix):
+@piece(boolean, CABLE, LINES, LINES, LINES, boolean, terms=ROLLING)
+def eliminate_rolling(cable, pushed, kept, matrix, stops):
     """`work.rolling_band` = LU factors of the shape's `matrix`, of that of the twist, which is in
-    `work.twist_matrix`, and of the couplings at the present iterate of a step of length tau;
-    returns whether they exist. `pushed`, `kept`: directions of the constraint rows, as of
-    `band.hold`.
+    `work.twist_matrix`, and of the couplings at the present iterate of a step; returns whether they
+    exist. `pushed`, `kept`: directions of the constraint rows, as of `band.hold`. `stops`: the
+    matrices and couplings are those of `contact.add_stops`.
     """
     band, sums, block = cable.work.rolling_band, cable.work.contact_sums, -1
     clear_band(band)
@@ -164,12 +173,53 @@ def eliminate_rolling(cable, tau, pushed, kept, matrix):
                     add_couplings(cable, block, band)
                 clear_sums(sums)
                 block = first
-            couple(cable, o, g, tau, sums)
+            if stops:
+                couple_stops(cable, o, g, sums)
+            else:
+                couple(cable, o, g, sums)
     if block >= 0:
         add_couplings(cable, block, band)
     hold_couplings(cable, pushed, kept, band)
     copy_twist(cable, band)
     return eliminate(band, FOUR * cable.n, FOUR)
+
+
+@piece(boolean, CABLE, LINES, LINES, terms=ROLLING)
+def eliminate_stops(cable, directions, matrix):
+    """`eliminate_rolling` for the velocities after contact (`contact.add_stops`), with the `matrix`
+    of the shape.
+    """
+    twist, mass = cable.work.twist_matrix, cable.linear.mass[1]
+    for k in range(4):
+        for i in range(cable.n - k):
+            twist[k, i] = mass[3 + k, MARGIN + i]
+    stiff = STOP * cable.contact.density
+    for o in range(cable.contact.count):
+        for k in range(groups_near(cable, o)):
+            g = int(cable.state.near[o, k])
+            if any_pressed(cable, o, g):
+                lever = three(cable.work.rolling[o, g], LEVER)
+                held = stiff * cable.work.stops[o, g, 0] * dot(lever, lever)
+                add_to_twist(cable, g, cable.contact.weight[g] * held, twist)
+    return eliminate_rolling(cable, directions, directions, matrix, YES)
+
+
+@piece(void, CABLE, LINES, VECTOR, LINES, terms=ROLLING)
+def substitute_stops(cable, push, solved, v):
+    """Solve with the factors of `eliminate_stops`: `solved` has the impulses on the shape, in the
+    frames of the clamps, and gets its velocities; `push` those on the twist, whose go to v.
+    """
+    side, line = cable.work.rolling_side, cable.dim
+    for i in range(cable.n):
+        for d in range(3):
+            side[PADDING + FOUR * i + d] = solved[PADDING + 3 * i + d]
+        free = 1.0 - cable.work.twist_held[i]
+        side[PADDING + FOUR * i + 3] = free * push[line, MARGIN + i]
+    substitute(cable.work.rolling_band, FOUR * cable.n, FOUR, side)
+    for i in range(cable.n):
+        for d in range(3):
+            solved[PADDING + 3 * i + d] = side[PADDING + FOUR * i + d]
+        v[line, MARGIN + i] += side[PADDING + FOUR * i + 3]
 
 
 @part
@@ -196,18 +246,33 @@ def copy_twist(cable, band):
 
 
 @part
-def couple(cable, o, g, tau, sums):
-    """sums += couplings of the samples of a group between two of their control points: six rows of
-    a pair, those in the equations of the shape and those in that of the twist, negative.
-    """
-    contact, kept, pose = cable.contact, cable.work.rolling[o, g], cable.state.pose[o]
-    trial, share, far, lever, whole = rolling_friction(cable, o, g, tau, cable.work.change)
+def couple(cable, o, g, sums):
+    """sums += couplings of the samples of a group, negative (`add_to_sums`)."""
+    kept, pose = cable.work.rolling[o, g], cable.state.pose[o]
+    trial, share, far, lever, whole = rolling_friction(cable, o, g, cable.work.change)
     ahead, slides = scaled(1.0 / far, trial), where(share - 1.0 + 1e-15, 0.0, 1.0)
     leans = slides * dot(ahead, lever)
     both_ways = scaled(share * whole, combined(1.0, lever, -leans, ahead))  # H l
     by_spin = to_lines(pose, MIDDLE, both_ways)
     by_place = to_lines(pose, END, combined(1.0, both_ways, leans, three(kept, LEAN)))
-    e, w, at = contact.basis[g], contact.weight[g], 0
+    add_to_sums(cable, g, by_spin, by_place, sums)
+
+
+@part
+def couple_stops(cable, o, g, sums):
+    """`couple` for the velocities after contact (`contact.add_stops`)."""
+    stiff = STOP * cable.contact.density * cable.work.stops[o, g, 0]
+    by_spin = scaled(stiff, three(cable.work.rolling[o, g], LEVER))
+    by_spin = to_lines(cable.state.pose[o], END, by_spin)
+    add_to_sums(cable, g, by_spin, by_spin, sums)
+
+
+@part
+def add_to_sums(cable, g, by_spin, by_place, sums):
+    """sums += six rows for each pair of control points of the samples of a group: the dependence
+    of the equations of the shape on the spin, and of that of the twist on the places.
+    """
+    e, w, at = cable.contact.basis[g], cable.contact.weight[g], 0
     for one in range(4):
         for other in range(one, 4):
             both = e[one] * e[other] * w

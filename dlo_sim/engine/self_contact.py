@@ -48,22 +48,13 @@ from dlo_sim.compiling.lanes import LANES, fabs, lane, lane_sum, sqrt, where, ze
 from dlo_sim.compiling.pieces import ARRAY_2D, NO, YES, part, piece
 from dlo_sim.engine.arrays import CABLE, IN_SKYLINE, LINES, MARGIN, SELF, TOUCHING, VECTOR, cable_at
 from dlo_sim.engine.band import clear_held, turn_vector
-from dlo_sim.engine.contact import (
-    BRISTLE,
-    BRISTLE_DAMPING,
-    DAMPING,
-    FRICTION,
-    RETURN,
-    STIFFNESS,
-    TINY,
-    friction,
-    pressed,
-    scaled,
-)
+from dlo_sim.engine.contact import RETURN, TINY, friction, scaled, sign
 from dlo_sim.engine.skyline import add_entry, begin_skyline, open_skyline, reach_to
 from dlo_sim.terms.one_sided import depth
 from dlo_sim.terms.vectors import combined, cross, dot
 
+# Entries of the law of contact, per length of cable: k, c, k_t, c_t, mu.
+STIFFNESS, DAMPING, BRISTLE, BRISTLE_DAMPING, FRICTION = range(5)
 # r in squared lengths of a segment, up to LONGEST diameters: more makes strands that slide feel
 # segments, and r / 2 adds to the squared distance of their ends.
 BLUNT, LONGEST = 0.005, 2.0
@@ -249,6 +240,20 @@ def law_of_step(cable, rate, most):
 
 
 @part
+def pressed(k, c, g0, g1):
+    """p_el, p, dp/dg1 for gaps before and after; `c`: damping over the length of the step."""
+    deep, inverse = depth(g0) + depth(g1), 1.0 / (fabs(g0) + fabs(g1) + TINY)
+    share = -deep * inverse
+    elastic = -0.5 * k * deep * share
+    p = elastic - c * share * (g1 - g0)
+    up = sign(g1)
+    slope = -0.5 * k * share * (1.0 - up + share * up) - c * share
+    slope += c * (g1 - g0) * inverse * (0.5 * (1.0 - up) + share * up)
+    p, slope = where(p, p, 0.0), where(p, slope, 0.0)
+    return elastic, p, slope
+
+
+@part
 def may_pass(ends, p, square0, square1, blunt):
     """1 where two segments may pass through each other in a step: the motion of an end of one
     relative to one of the other is as long as the sum of the distances at both ends of the step.
@@ -358,7 +363,8 @@ def add_force(cable, springs, rate, most, rubs, x1, out):
             one_way = combined(1.0, near_after, -1.0, near)
             other_way = combined(1.0, far, -1.0, far_before)
             dy = combined(1.0 - share, one_way, share, other_way)
-            trial, holds, size, held, slip, _ = friction(chain.law, stiff, n, dy, z, pressure)
+            limit = chain.law[FRICTION] * pressure
+            trial, holds, size, held, slip = friction(stiff, limit, n, dy, z)
             holds = where(pressure, holds, 0.0)
             rubbing = scaled(-holds, trial)
             first = combined(1.0, first, 1.0 - share, rubbing)

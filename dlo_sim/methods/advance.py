@@ -11,18 +11,15 @@ from numba import float64, int64
 
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.pieces import ARRAY_2D, ARRAY_3D, COUNTS, part, piece
-from dlo_sim.engine import contact
 from dlo_sim.engine.account import update_account
 from dlo_sim.engine.arrays import (
     CABLE,
     CONSTRAINED,
-    CONTACT,
     DIVERGED,
     IMPLICIT,
     METHOD,
     NOT_CONVERGED,
     OK,
-    PASSED,
     RUNGE_KUTTA,
     SPLITTING,
     ZHAI,
@@ -42,12 +39,7 @@ from dlo_sim.methods.zhai import zhai_step
 
 @piece(int64, METHOD, CABLE, int64, float64, terms=SPLITTING | RUNGE_KUTTA | ZHAI | CONSTRAINED)
 def explicit_step(method, cable, step, tau):
-    """Step number `step` of a method that is not implicit, as `take_step`; apart, so that scenes
-    with an implicit one do not compile its contact.
-    """
-    touches = cable.terms & CONTACT != 0 and method.family != CONSTRAINED
-    if touches:
-        contact.begin_kicks(cable, step * tau, tau)
+    """Step number `step` of a method that is not implicit, as `take_step`."""
     if method.family == CONSTRAINED:
         done = rattle_step(method, cable, step, tau)
     elif method.family == SPLITTING:
@@ -56,15 +48,8 @@ def explicit_step(method, cable, step, tau):
         done = runge_kutta_step(method, cable, step, tau)
     else:
         done = zhai_step(method, cable, step, tau)
-    passed = False
-    if touches:
-        passed = not contact.dissipate(cable, tau)
-        if method.family != SPLITTING:  # others keep rates that contain the velocity
-            cable.work.results.forces_known = 0.0
     if flow(cable):
         cable.work.results.forces_known = 0.0
-    if passed:
-        return PASSED
     return OK if done else NOT_CONVERGED
 
 

@@ -10,7 +10,7 @@ from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, NO, YES, part, piece
-from dlo_sim.engine import account, contact
+from dlo_sim.engine import account, bishop, contact
 from dlo_sim.engine.arrays import CONTACT, PADDING, TWISTED, cable_at
 from dlo_sim.engine.assembly import (
     add_damping,
@@ -45,6 +45,7 @@ from dlo_sim.engine.lines import (
     solve_mass,
 )
 from dlo_sim.engine.loads import add_load_stiffness, load_force
+from dlo_sim.engine.natural_curvature import natural_force
 from dlo_sim.engine.rows import (
     add_shifts,
     carry,
@@ -143,6 +144,26 @@ def forces_now(address, t, out):
     load_force(cable, cable.state.x, t, f)
 
 
+@piece(void, int64, boolean, ARRAY_2D)
+def twist_forces(address, by_frame, out):
+    """out += forces at the present configuration that couple the twist to the shape: those of the
+    twist of the Bishop frame, and unless `by_frame` those of natural curvature and of the loads at
+    time zero.
+    """
+    cable, f = cable_at(address), grid(out)
+    x = cable.state.x
+    if not by_frame:
+        natural_force(cable, x, x, YES, YES, f)
+        load_force(cable, x, 0.0, f)
+    bishop.force(cable, x, x, f)
+
+
+@piece(void, int64)
+def follow_shape(address):
+    """`bishop.follow_shape`: measure the twist angles in the Bishop frame of the present shape."""
+    bishop.follow_shape(cable_at(address))
+
+
 @piece(void, int64)
 def stiffness(address):
     """`work.band` = Hessian of the potential energy with respect to the spatial lines."""
@@ -151,7 +172,7 @@ def stiffness(address):
     clear_band(band)
     discrete_jacobian(cable, x, x, 0.0, 2.0, band)
     if cable.terms & CONTACT:
-        contact.add_tangent(cable, 0.0, NO, x, x, 2.0, band)
+        contact.add_tangent(cable, NO, x, x, 2.0, band)
     add_springs(cable, 1.0, band)
     slide_tangent(cable, NO, x, x, 2.0, band)
 
@@ -165,15 +186,15 @@ def moment_stiffness(address):
     add_load_stiffness(cable, cable.state.x, 0.0, 1.0, cable.work.band)
 
 
-@piece(int64, int64, ARRAY, boolean)
+@piece(int64, int64, ARRAY_2D, boolean)
 def solve_held(address, unknowns, transposed):
-    """Solve K y = unknowns (n dim,), or K^T y = unknowns, in place with the constraint rows
-    imposed; K in `work.band` is overwritten.
+    """Solve K y = unknowns, or K^T y = unknowns, for every row of the unknowns (m, n dim), in place
+    with the constraint rows imposed; K in `work.band` is overwritten.
 
     Returns the number of negative pivots, for a symmetric matrix that of negative eigenvalues, or
     -1 if a pivot is not usable.
     """
-    cable, y = cable_at(address), grid(unknowns)
+    cable, sides = cable_at(address), grid(unknowns)
     dim, size = cable.dim, cable.n * cable.dim
     band, z, directions = cable.work.band, cable.work.residual, cable.state.direction
     cable.work.results.coupled = 0.0
@@ -183,21 +204,23 @@ def solve_held(address, unknowns, transposed):
     if not eliminate(band, size, dim):
         return -1
     solve_border(cable, band, 1.0)
-    for r in range(size):
-        z[PADDING + r] = y[r]
-    turn_vector(cable, directions, YES, z, PADDING)
-    if transposed:
-        keep_border_transposed(cable, z)
-        substitute_transposed(band, size, dim, z)
-        clear_held(cable, z, PADDING)
-    else:
-        clear_held(cable, z, PADDING)
-        substitute(band, size, dim, z)
-        keep_border(cable, z)
-    turn_vector(cable, directions, NO, z, PADDING)
+    for side in range(len(sides)):
+        for r in range(size):
+            z[PADDING + r] = sides[side, r]
+        turn_vector(cable, directions, YES, z, PADDING)
+        if transposed:
+            keep_border_transposed(cable, z)
+            substitute_transposed(band, size, dim, z)
+            clear_held(cable, z, PADDING)
+        else:
+            clear_held(cable, z, PADDING)
+            substitute(band, size, dim, z)
+            keep_border(cable, z)
+        turn_vector(cable, directions, NO, z, PADDING)
+        for r in range(size):
+            sides[side, r] = z[PADDING + r]
     negative = 0
     for r in range(size):
-        y[r] = z[PADDING + r]
         if band[r, 4 * dim - 1] < 0.0:
             negative += 1
     return negative

@@ -75,11 +75,21 @@ from dlo_sim.engine.band import (
     solve,
     solve_border,
     stiffen_border,
+    substitute,
     turn_vector,
 )
-from dlo_sim.engine.lines import add, add_product, clear, copy, damping_of, difference, inner
+from dlo_sim.engine.lines import (
+    add,
+    add_product,
+    clear,
+    copy,
+    damping_of,
+    difference,
+    inner,
+    kinetic,
+)
 from dlo_sim.engine.loads import add_load_stiffness, load_force
-from dlo_sim.engine.rolling import eliminate_rolling, rolls
+from dlo_sim.engine.rolling import eliminate_rolling, eliminate_stops, rolls, substitute_stops
 from dlo_sim.engine.rows import (
     add_shifts,
     add_velocity_of_held,
@@ -89,6 +99,7 @@ from dlo_sim.engine.rows import (
     row_value,
     set_directions,
     set_targets,
+    target_rates,
     target_residuals,
     through_inverse,
     turns,
@@ -116,6 +127,7 @@ from dlo_sim.methods.twist_step import end_twist, step_twist, twist_matrix
 
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_HALVINGS = 12
+WHOLE, HALVED = 5, 15  # iterations up to which a change of what touches is taken whole, or halved
 CAREFUL_HALVINGS = 4  # of a step that folds the cable over; after these the fold is accepted
 SLOW = 0.02  # ratio of successive correction energies above which the matrix is renewed
 STALLED = 0.2  # the same above which a correction counts as stalled
@@ -134,6 +146,9 @@ SAFETY = 10.0  # factor on the expected contraction
 MOST_WITH_KEPT = 3  # iterations with a matrix of an earlier step; with a new one two are usual
 MOST_SETBACKS = 5.0  # log2 of the longest wait [steps]
 SMALLEST_SHRINKING = 1e-3  # lower bound on the measured contraction
+MOST_STOPS = 8  # attempts to find which samples friction holds as they land
+SOFT = 1e-12  # share of the stiffness of joints in an impulse
+STOPPED = 1e-4  # energy of velocities after contact, in that of its pressure, left alone
 FORGETTING = 1.5  # growth of the remembered contraction per step that does not measure it
 
 
@@ -325,8 +340,7 @@ def step_force(cable, t0, tau, discrete):
     if cable.terms & CONTACT:
         waits = cable.terms & ROLLING != 0
         start, x = work.start, cable.state.x
-        found = contact.add_force(cable, 1.0, 1.0 / tau, np.inf, YES, waits, start, x, force)
-        work.results.touched = found[5]
+        work.results.touched = contact.add_force(cable, YES, waits, start, x, force)[5]
     if cable.terms & SELF:
         self_contact.add_force(cable, 1.0, 1.0 / tau, np.inf, YES, cable.state.x, force)
     spring_force(cable, middle, 0.5, NO, force)
@@ -341,6 +355,23 @@ def step_force(cable, t0, tau, discrete):
         add(1.0, work.damping, force)
         lost -= inner(work.damping, change)
     return lost
+
+
+@part
+def take_reactions(cable, directions, out):
+    """Write the forces of the grasps that balance `residual` to `out` (rows,), in a residual that
+    becomes one in the frames of the clamps, with directions (rows, 3).
+    """
+    residual, dim = cable.work.residual, cable.dim
+    turn_vector(cable, directions, YES, residual, PADDING)
+    balance_border(cable, residual, out)
+    for k in range(cable.rows.count):
+        own, line = own_point(cable, k), cable.rows.line[k]
+        if own >= 0 and line < dim:
+            entry = line  # of the control point that the row fixes
+            if line < 0:
+                entry = 1 if clamps_here(cable, k) else 2
+            out[k] = -residual[PADDING + own * dim + entry]
 
 
 @piece(float64, CABLE, float64, float64)
@@ -360,15 +391,7 @@ def set_residual(cable, a, b):
             push = inertia[d, MARGIN + i]
             energy += abs(push * change[d, MARGIN + i])
             residual[PADDING + i * dim + d] = work.force[d, MARGIN + i] - push
-    turn_vector(cable, work.middle_direction, YES, residual, PADDING)
-    balance_border(cable, residual, work.row_force)
-    for k in range(cable.rows.count):
-        own, line = own_point(cable, k), cable.rows.line[k]
-        if own >= 0 and line < dim:
-            entry = line  # of the control point that the row fixes
-            if line < 0:
-                entry = 1 if clamps_here(cable, k) else 2
-            work.row_force[k] = -residual[PADDING + own * dim + entry]
+    take_reactions(cable, work.middle_direction, work.row_force)
     clear_held(cable, residual, PADDING)
     return energy
 
@@ -386,7 +409,7 @@ def factorize(cable, tau, discrete, matrix):
     if rolls(cable):
         results.coupled = IN_ROLLING_BAND
         twist_matrix(cable, tau, discrete)
-        return eliminate_rolling(cable, tau, pushed, kept, matrix)
+        return eliminate_rolling(cable, pushed, kept, matrix, NO)
     return eliminate(matrix, cable.n * cable.dim, cable.dim)
 
 
@@ -410,7 +433,7 @@ def newton_matrix(cable, t0, tau, a, discrete):
     begin, end = (work.start, state.x) if discrete else (middle, middle)
     discrete_jacobian(cable, begin, end, viscous, 1.0, matrix)
     if cable.terms & CONTACT:
-        contact.add_tangent(cable, 1.0 / tau, YES, work.start, state.x, 1.0, matrix)
+        contact.add_tangent(cable, YES, work.start, state.x, 1.0, matrix)
     add_springs(cable, 0.5, matrix)
     slide_tangent(cable, YES, work.start, state.x, 1.0, matrix)
     add_load_stiffness(cable, middle, t0 + 0.5 * tau, 0.5, matrix)
@@ -632,6 +655,83 @@ def settle_overdamped(cable, moves, tau):
     return loss
 
 
+@piece(float64, CABLE, float64, float64, terms=CONTACT)
+def stop_contacts(cable, t, tau):
+    """Give what is pressed at the end t of a step the velocity after contact (`engine.contact`);
+    returns the energy lost [J]. Its impulses add to the work of obstacles and grasps, and to the
+    mean reactions of the step in `row_force`.
+
+    With M and the velocities v, the change s solves (M + penalty) s = impulses at v, within the
+    constraints of the grasps. Which samples friction holds is found by trying.
+    """
+    state, work, dim = cable.state, cable.work, cable.dim
+    before, v, push, solved = work.v0, work.v1, work.inertia, work.residual
+    copy(state.w, before)
+    add_velocity_of_held(cable, state.x, t, before)
+    found = contact.begin_stops(cable, tau, before)
+    if found[0] <= STOPPED * found[1]:
+        return 0.0
+    band, directions = work.band, state.direction
+    worked = 0.0
+    for attempt in range(MOST_STOPS):
+        clear(push)
+        clear_band(band)
+        contact.add_stops(cable, tau, before, push, band)
+        add_lines(cable, cable.linear.mass[0], 1.0, band)
+        hold(cable, directions, directions, band)
+        set_border(cable, directions, directions)
+        stiffen_border(cable, band)
+        work.results.coupled = IN_STATE
+        if cable.terms & ROLLING:
+            work.results.coupled = IN_ROLLING_BAND
+            if not eliminate_stops(cable, directions, band):
+                return 0.0
+        elif not eliminate(band, cable.n * dim, dim):
+            return 0.0
+        solve_border(cable, band, SOFT)
+        for d in range(dim):
+            for i in range(cable.n):
+                solved[PADDING + i * dim + d] = push[d, MARGIN + i]
+        turn_vector(cable, directions, YES, solved, PADDING)
+        clear_held(cable, solved, PADDING)
+        copy(before, v)
+        if cable.terms & ROLLING:
+            substitute_stops(cable, push, solved, v)
+        else:
+            substitute(band, cable.n * dim, dim, solved)
+        keep_border(cable, solved)
+        for r in range(cable.n * dim):
+            work.step[r] = solved[PADDING + r]
+        turn_vector(cable, directions, NO, work.step, 0)
+        for d in range(dim):
+            for i in range(cable.n):
+                v[d, MARGIN + i] += work.step[i * dim + d]
+        settled, worked = contact.look_at_stops(cable, tau, v, attempt + 1 == MOST_STOPS)
+        if settled:
+            break
+    lost = kinetic(cable, before) - kinetic(cable, v) + worked
+    add(1.0, v, state.w)
+    add(-1.0, before, state.w)
+    # Impulses of the grasps, from the momentum that those of contact do not explain.
+    clear(push)
+    contact.add_stops(cable, tau, v, push, band)
+    difference(v, before, before)
+    for d in range(dim):
+        add_product(cable.linear.mass[0], -1.0, before[d], push[d])
+        for i in range(cable.n):
+            solved[PADDING + i * dim + d] = push[d, MARGIN + i]
+    for k in range(cable.rows.count):
+        work.multipliers[k] = 0.0
+    take_reactions(cable, directions, work.multipliers)
+    driven = 0.0
+    target_rates(cable, state.x, t)
+    for k in range(cable.rows.count):
+        driven += work.multipliers[k] * work.rates[k]
+        work.row_force[k] += work.multipliers[k] / tau
+    state.balance.drive_work += worked + driven
+    return lost + driven
+
+
 @piece(void, CABLE, float64, float64, float64, float64)
 def finish_step(cable, t0, tau, whole, lost):
     """Update w, the mean reactions, and the energy balance.
@@ -667,6 +767,8 @@ def finish_step(cable, t0, tau, whole, lost):
         project(cable, state.w, work.multipliers)
     if balance.known > 0.0 and balance.length_before == tau and is_viscous(cable):
         lost += settle_overdamped(cable, moves, tau)
+    if cable.terms & CONTACT:
+        lost += stop_contacts(cable, t0 + tau, tau)
     balance.dissipated += lost
     if cable.loads.count:
         balance.load_work += inner(work.load, change)
@@ -775,7 +877,17 @@ def try_step(cable, method, t0, tau, whole, level):
         if converged or iterations == MAX_ITERATIONS:
             break
         iterations += 1
-        if known > 0:
+        # Where a correction changes what touches or slides, the residual along it says nothing: a
+        # wall that it runs into pushes back at once. Such corrections are taken whole, as in a
+        # method of active sets, and halved where they go round in circles.
+        changed = known > 0 and work.results.touched != touched and iterations <= HALVED
+        if changed and iterations > WHOLE and share == 1.0:
+            share = 0.5
+            add_correction(cable, known - 1, -share)
+            linearize = True
+            continue
+        linearize = linearize or changed
+        if known > 0 and not changed:
             along = dot(work.residual, work.corrections[known - 1])
             if not abs(along) <= GROWTH * abs(slope) and share > SMALLEST_SHARE:
                 # Overshoot: shorten the last correction and continue with a new matrix. Where what
@@ -811,7 +923,7 @@ def try_step(cable, method, t0, tau, whole, level):
         allowed = allowed_error(balance, tolerance, inertia, room)
         converged = exhausted or min(SAFETY * shrinking, 1.0) * defect <= allowed
         if converged and cable.terms & CONTACT:
-            after = contact.look(cable, tau, work.start, cable.state.x, work.rate)
+            after = contact.look(cable, work.start, cable.state.x, work.rate)
             # With a twist that is still open the forces are not those of this shape.
             converged = (exhausted or after == touched) and work.results.twist_open == 0.0
         if exhausted:
@@ -836,13 +948,15 @@ def try_step(cable, method, t0, tau, whole, level):
     if converged and cable.terms & CONTACT:
         start, x = work.start, cable.state.x
         if cable.terms & ROLLING:  # with the twist of the last forces
-            contact.look(cable, tau, start, x, work.rate)
+            contact.look(cable, start, x, work.rate)
         converged = contact.accept(cable, work.change)
     if converged:
         if cable.terms & SELF:
             self_contact.keep(cable)
         balance.floor = max(balance.floor, floor)
         finish_step(cable, t0, tau, whole, lost)
+        if cable.terms & CONTACT:
+            contact.keep_bristles(cable)
         balance.slip = 0.5  # the energy balance takes the mean with both methods
         flow(cable)
     else:

@@ -13,8 +13,7 @@ from numba import boolean, float64, int64
 from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES
 from dlo_sim.compiling.pieces import part, piece
-from dlo_sim.engine import contact
-from dlo_sim.engine.arrays import CABLE, CONTACT, DAMPED, METHOD, RUNGE_KUTTA
+from dlo_sim.engine.arrays import CABLE, DAMPED, METHOD, RUNGE_KUTTA
 from dlo_sim.engine.assembly import all_forces
 from dlo_sim.engine.lines import add, copy, form, mass_of, solve_mass
 from dlo_sim.engine.loads import load_force
@@ -91,8 +90,6 @@ def to_stage(cable, weights, t, tau):
     add_rates(work.w_rate, weights, tau, state.w)
     set_directions(cable, t)
     move_anchors(cable, t)
-    if cable.terms & CONTACT:
-        contact.carry_obstacles(cable, t, state.x)
 
 
 @piece(boolean, METHOD, CABLE, int64, float64, terms=RUNGE_KUTTA)

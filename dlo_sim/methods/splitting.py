@@ -14,8 +14,7 @@ from numba import boolean, float64, int64
 from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES
 from dlo_sim.compiling.pieces import part, piece
-from dlo_sim.engine import contact
-from dlo_sim.engine.arrays import CABLE, CONTACT, DAMPED, METHOD, SPLITTING
+from dlo_sim.engine.arrays import CABLE, DAMPED, METHOD, SPLITTING
 from dlo_sim.engine.lines import add, form, mass_of
 from dlo_sim.engine.rows import carry, grasps_move
 from dlo_sim.engine.springs import move_anchors
@@ -45,8 +44,6 @@ def drift(cable, t, dt):
     carry(cable, cable.state.x, cable.state.w, t, dt)
     if grasps_move(cable):
         move_anchors(cable, t)
-    if cable.terms & CONTACT:
-        contact.carry_obstacles(cable, t, cable.state.x)
 
 
 @piece(boolean, METHOD, CABLE, int64, float64, terms=SPLITTING)

@@ -76,7 +76,7 @@ def make_matrix(cable, begin, end, tau, beta):
     add_roll_stiffness(cable, matrix)
     if cable.terms & MATERIAL:
         add_natural_stiffness(cable, begin, end, matrix)
-    add_rolling_stiffness(cable, tau, cable.work.change, matrix)
+    add_rolling_stiffness(cable, cable.work.change, matrix)
 
 
 @part
@@ -171,7 +171,7 @@ def correct_twist(cable, begin, end, x, tau, beta, spins, make, before):
     matrix, a = work.twist_matrix, 2.0 / (tau * tau)
     if natural:
         natural_force(cable, begin, end, YES, NO, work.force)
-    add_rolling_moments(cable, tau, work.change, work.force)
+    add_rolling_moments(cable, work.change, work.force)
     theta, change, force = x[line], work.change[line], work.force[line]
     latest, rest, sum_ = work.twist_latest[line], work.twist_rest[line], work.twist_sum[line]
     add_differences(twist, -1.0, work.start[line], force)
@@ -298,7 +298,7 @@ def step_twist(cable, t0, tau, discrete, anew):
     lost += push_by_twist(cable, begin, end, viscous, force)
     if cable.terms & MATERIAL:
         natural_force(cable, begin, end, NO, YES, force)
-    push_rolling(cable, tau, cable.work.change, force)
+    push_rolling(cable, cable.work.change, force)
     return lost
 
 

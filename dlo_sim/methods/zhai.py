@@ -12,8 +12,7 @@ from numba import boolean, float64, int64
 from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES
 from dlo_sim.compiling.pieces import part, piece
-from dlo_sim.engine import contact
-from dlo_sim.engine.arrays import CABLE, CONTACT, METHOD, ZHAI
+from dlo_sim.engine.arrays import CABLE, METHOD, ZHAI
 from dlo_sim.engine.lines import add
 from dlo_sim.engine.rows import carry, grasps_move, project
 from dlo_sim.engine.springs import move_anchors
@@ -48,8 +47,6 @@ def zhai_step(method, cable, step, tau):
     state.balance.known = 1.0
     carry(cable, state.x, mean, t, tau)
     move_anchors(cable, t)
-    if cable.terms & CONTACT:
-        contact.carry_obstacles(cable, t, state.x)
     if grasps_move(cable):
         project(cable, w, work.multipliers)
         project(cable, before, work.multipliers)

@@ -10,6 +10,7 @@ the latter yields the key, its value and the problem with the cure; the first on
 """
 
 import math
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -30,8 +31,8 @@ from dlo_sim.scene.parameter import (
 from dlo_sim.scene.refusal import SceneError, brief, refusal, shown
 
 EARTH = 9.81  # [m/s^2]
-DEPTH = 1e-3  # penetration of a cable into an obstacle under its weight on earth, in diameters
 ORIGIN = (0.0, 0.0, 0.0)
+NO_SURFACE = 1e9  # [m], water.level of water that is everywhere
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Switches = tuple[bool, bool, bool]
@@ -49,7 +50,9 @@ _NODE_KEYS = re.compile(
 _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 LEAST_STEP = 1e-9  # [s]; 0 = chosen automatically
 LEAST_DENSITY = 1e-15  # [kg/m], of the least diameter and density allowed
+LEAST_CELLS = 8  # of a mesh's field
 LEAST_QUATERNION = 1e-3  # norm below which an orientation is refused
+LEAST_SIZE = 1e-9  # [m], of an obstacle
 _LARGEST_STRETCH = 2.0  # distance of held ends, in lengths, above which it is surely a mistake
 
 Conflicts = Iterator[tuple[str, object, str]]
@@ -60,7 +63,8 @@ SWITCH = ("auto", "on", "off")
 
 @dataclass(frozen=True)
 class Cable:
-    """Material and cross-section. Direct values of 0 are derived from moduli, density, diameter.
+    """Material and cross-section. Direct values of 0 are derived from moduli, density, diameter D,
+    and of a hose its bore d.
 
     Parameters:
         length: Rest length L.
@@ -68,14 +72,14 @@ class Cable:
         density: Density rho.
         youngs_modulus: Young's modulus E.
         shear_modulus: Shear modulus G.
-        linear_density: Mass per length mu; 0 = rho pi D^2 / 4. The polar inertia per length is mu
-            D^2 / 8.
-        axial_stiffness: EA; 0 = E pi D^2 / 4, as of a solid section, also if bending_stiffness is
-            given.
-        bending_stiffness: EI; 0 = E pi D^4 / 64, as of a solid section, also if axial_stiffness is
-            given.
-        torsional_stiffness: GJ; 0 = 2 G / E EI, as of an isotropic section (G pi D^4 / 32 if it is
-            solid).
+        linear_density: Mass per length mu; 0 = rho pi (D^2 - d^2) / 4. The polar inertia per length
+            is mu (D^2 + d^2) / 8.
+        axial_stiffness: EA; 0 = E pi (D^2 - d^2) / 4, as of a homogeneous section, also if
+            bending_stiffness is given.
+        bending_stiffness: EI; 0 = E pi (D^4 - d^4) / 64, as of a homogeneous section, also if
+            axial_stiffness is given.
+        torsional_stiffness: GJ; 0 = 2 G / E EI, as of an isotropic section (G pi (D^4 - d^4) / 32
+            if it is homogeneous).
         rest_curvature: Natural curvature at equally spaced points from start to end, interpolated
             linearly; one value = constant.
         rest_curvature_axis: Axis about which the unloaded cable is bent: a unit vector in the frame
@@ -102,6 +106,7 @@ class Cable:
 
     rest_curvature_2: tuple[float, ...] = parameter((0.0,), "1/m", (-1.0e5, 1.0e5))
     rest_twist: tuple[float, ...] = parameter((0.0,), "rad/m", (-1.0e5, 1.0e5))
+    bore: float = 0.0  # hose.bore [m], from `scene_from_values`; no parameter
 
     @property
     def natural_shape(self) -> tuple[tuple[float, ...], ...]:
@@ -115,8 +120,8 @@ class Cable:
 
     @property
     def area(self) -> float:
-        """Cross-sectional area A = pi D^2 / 4 [m^2]."""
-        return math.pi * self.diameter**2 / 4.0
+        """Cross-sectional area A = pi (D^2 - d^2) / 4 [m^2]."""
+        return math.pi * (self.diameter**2 - self.bore**2) / 4.0
 
     @property
     def mu(self) -> float:
@@ -130,8 +135,9 @@ class Cable:
 
     @property
     def EI(self) -> float:
-        """Bending stiffness EI = E pi D^4 / 64 [N m^2], or the value given directly."""
-        return self.bending_stiffness or self.youngs_modulus * math.pi * self.diameter**4 / 64.0
+        """Bending stiffness EI = E pi (D^4 - d^4) / 64 [N m^2], or the value given directly."""
+        moment = math.pi * (self.diameter**4 - self.bore**4) / 64.0
+        return self.bending_stiffness or self.youngs_modulus * moment
 
     @property
     def GJ(self) -> float:
@@ -140,13 +146,19 @@ class Cable:
 
     @property
     def polar_inertia(self) -> float:
-        """Polar inertia per length mu D^2 / 8 [kg m]; equals rho pi D^4 / 32 when mu is derived."""
-        return self.mu * self.diameter**2 / 8.0
+        """Polar inertia per length mu (D^2 + d^2) / 8 [kg m], rho pi (D^4 - d^4) / 32 if mu is
+        derived.
+        """
+        return self.mu * (self.diameter**2 + self.bore**2) / 8.0
 
     @property
     def assumptions(self) -> tuple[str, ...]:
         """One line for each value that is derived although its partner is given: the assumption."""
         lines = []
+        EA, EI, inertia, section = "D^2 / 4", "D^4 / 64", "D^2 / 8", "solid section"
+        if self.bore:
+            EA, EI, section = "(D^2 - d^2) / 4", "(D^4 - d^4) / 64", "hose's section"
+            inertia = "(D^2 + d^2) / 8"
         if self.bending_stiffness and not self.torsional_stiffness:
             lines.append(
                 "cable.torsional_stiffness: not given beside bending_stiffness, so GJ = 2 G / E EI "
@@ -154,18 +166,18 @@ class Cable:
             )
         if self.bending_stiffness and not self.axial_stiffness:
             lines.append(
-                f"cable.axial_stiffness: not given beside bending_stiffness, so EA = E pi D^2 / 4 "
-                f"= {self.EA:.3g} N, as of a solid section"
+                f"cable.axial_stiffness: not given beside bending_stiffness, so EA = E pi {EA} = "
+                f"{self.EA:.3g} N, as of a {section}"
             )
         if self.axial_stiffness and not self.bending_stiffness:
             lines.append(
-                f"cable.bending_stiffness: not given beside axial_stiffness, so EI = E pi D^4 / 64 "
-                f"= {self.EI:.3g} N m^2, as of a solid section"
+                f"cable.bending_stiffness: not given beside axial_stiffness, so EI = E pi {EI} = "
+                f"{self.EI:.3g} N m^2, as of a {section}"
             )
         if self.linear_density:
             lines.append(
-                f"cable.linear_density: the polar inertia that belongs to it is mu D^2 / 8 = "
-                f"{self.polar_inertia:.3g} kg m, as of a solid section"
+                f"cable.linear_density: the polar inertia that belongs to it is mu {inertia} = "
+                f"{self.polar_inertia:.3g} kg m, as of a {section}"
             )
         return tuple(lines)
 
@@ -213,7 +225,11 @@ class Water:
     """Water around the cable: buoyancy, and drag that is quadratic in the velocity relative to it.
 
     Parameters:
-        density: Density of the water; 0 = no water. The cable displaces its section.
+        density: Density of the water; 0 = no water. The cable displaces its section. Air of 1.2
+            kg/m^3 with a velocity is wind.
+        level: Height of its surface in the world, against gravity (without gravity along z): above
+            it there is neither buoyancy nor drag. auto (1e9) = no surface, all of the cable is in
+            water.
         velocity: Velocity of its current, world frame. An equilibrium at the start is that in still
             water; from there the cable drifts.
         drag: Drag coefficient across the cable, on its diameter.
@@ -221,6 +237,7 @@ class Water:
     """
 
     density: float = parameter(0.0, "kg/m^3", (0.0, 1.0e5))
+    level: float = parameter(NO_SURFACE, "m", (-1.0e8, NO_SURFACE), auto=NO_SURFACE)
     velocity: Vector = parameter(ORIGIN, "m/s", (-1.0e3, 1.0e3))
     drag: float = parameter(1.2, "", (0.0, 100.0))
     drag_along: float = parameter(0.01, "", (0.0, 100.0))
@@ -228,15 +245,16 @@ class Water:
 
 @dataclass(frozen=True)
 class Hose:
-    """Pressure in a hose, which makes it longer, or pushes apart what holds its ends.
+    """A hose: its bore, and pressure, which makes it longer, or pushes apart what holds its ends.
 
     The tension of a hose is that of its wall, which bears the pressure; reactions include what the
     pressure pushes on the ends.
 
     Parameters:
         pressure: Pressure inside in excess of that outside.
-        bore: Inner diameter, which the pressure does not widen; the mass of what is inside belongs
-            to cable.linear_density.
+        bore: Inner diameter d, which the pressure does not widen; mass and stiffnesses that are
+            derived are those of the wall, and the mass of what is inside belongs to
+            cable.linear_density.
     """
 
     pressure: float = parameter(0.0, "Pa", (0.0, 1.0e9))
@@ -288,8 +306,10 @@ class Contact:
         stiffness: Contact force per unit length and penetration depth; 0 = chosen so that under
             earth gravity a cable penetrates a plane by a thousandth of its diameter, and another
             obstacle that all of it hangs over by at most a hundredth.
-        damping: Share of critical damping of what touches: 0 = it bounces; auto (-1) = 0.3, or 0
-            with methods that cannot dissipate in contact (rattle, energy_momentum_4).
+        restitution: Speed at which the cable leaves an obstacle that it hits, in the speed at which
+            it came: 0 = it lies where it lands, 1 = it bounces without loss; the same at every
+            step.
+        damping: Share of critical damping where the cable touches itself: 0 = it bounces.
         friction: Coefficient of friction of the cable on itself, and on obstacles that have none of
             their own.
         markers: Largest number of obstacles that markers on ~/obstacles add while the node runs;
@@ -298,7 +318,8 @@ class Contact:
 
     self: str = parameter("auto", choices=SWITCH)
     stiffness: float = parameter(0.0, "N/m^2", (0.0, 1.0e12))
-    damping: float = parameter(-1.0, "", (0.0, 10.0), auto=-1.0)
+    restitution: float = parameter(0.0, "", (0.0, 1.0))
+    damping: float = parameter(0.3, "", (0.0, 10.0))
     friction: float = parameter(0.0, "", (0.0, 100.0))
     markers: int = parameter(0, "", (0, 1000), read_only=True)
 
@@ -328,8 +349,9 @@ class Obstacle:
             package://PACKAGE/PATH. All its bodies are one obstacle.
         mesh_scale: Factor from the lengths in the file to m: 0.001 for an STL file in mm. DAE files
             name their unit, which is known.
-        mesh_cells: Cells of the grid of distances along the longest side of the mesh. Edges, and
-            walls thinner than two cells, are rounded by about a cell.
+        mesh_cells: Cells of the grid of distances along the longest side of the mesh. Edges and
+            openings, and walls thinner than two cells, are rounded by about a cell; 0 = chosen: 48,
+            or as many as make cells no larger than the cable's radius, up to a million in all.
         friction: Coefficient of Coulomb friction of the cable on it; auto (-1) = contact.friction.
         pose_topic: Topic of its pose (PoseStamped), which moves it; empty = it rests.
         frame: tf2 frame to which it is attached and with which it moves, such as that of a table or
@@ -346,7 +368,7 @@ class Obstacle:
     orientation: Quaternion = parameter((0.0, 0.0, 0.0, 1.0), "", (-1.0, 1.0))
     mesh: str = parameter("")
     mesh_scale: float = parameter(1.0, "", (1.0e-9, 1.0e9))
-    mesh_cells: int = parameter(48, "", (8, 200))
+    mesh_cells: int = parameter(0, "", (0, 2000))
     friction: float = parameter(-1.0, "", (0.0, 100.0), auto=-1.0)
     pose_topic: str = parameter("", read_only=True)
     frame: str = parameter("", read_only=True)
@@ -386,7 +408,7 @@ class Obstacle:
             return ""
         if "://" in self.mesh:
             return self.mesh
-        return Path(self.mesh).expanduser().absolute().as_uri()
+        return Path(os.path.expanduser(self.mesh)).absolute().as_uri()
 
     def pushes_along(self, axis: int, place: float) -> bool:
         """Whether it can push a cable out of the plane normal to a world axis, at this place on it:
@@ -647,9 +669,9 @@ class Terms:
         damping: All damping.
         plasticity: Plastic bending.
         contact: Contact.
-        out_of_plane: The third coordinate. Auto omits it if everything stays in a coordinate plane;
-            off drops forces and moments out of the plane and projects the motion of the ends onto
-            it.
+        out_of_plane: The third coordinate. Auto omits it of a cable that hangs taut in a coordinate
+            plane and cannot fall over sideways; off keeps any cable in its plane: it drops forces
+            and moments out of it and projects the motion of the ends onto it.
     """
 
     stretch: str = parameter("auto", choices=SWITCH)
@@ -668,7 +690,8 @@ class Initial:
 
     Parameters:
         shape: Initial shape, also after a reset; auto = straight if an end is free or the held ends
-            are one cable length apart, else equilibrium.
+            are one cable length apart, and the straight cable begins in no obstacle, else
+            equilibrium.
     """
 
     shape: str = parameter("auto", choices=("auto", "straight", "equilibrium"))
@@ -885,6 +908,24 @@ class Scene:
         return scale * self.water.drag, scale * math.pi * self.water.drag_along
 
     @property
+    def assumptions(self) -> tuple[str, ...]:
+        """One line for each assumption about the cable and the water around it."""
+        if self.water.density == 0.0 or self.water_surface is not None:
+            return self.cable.assumptions
+        everywhere = f"so that there is water of {self.water.density:g} kg/m^3 everywhere"
+        return (*self.cable.assumptions, f"water.level: not given, {everywhere}")
+
+    @property
+    def water_surface(self) -> tuple[Vector, float] | None:
+        """Unit normal of the surface of the water and its height along that [m]; None without."""
+        if self.water.density == 0.0 or self.water.level == NO_SURFACE:
+            return None
+        x, y, z = self.gravity
+        pull = math.hypot(x, y, z)
+        up = (-x / pull, -y / pull, -z / pull) if pull else (0.0, 0.0, 1.0)
+        return up, self.water.level
+
+    @property
     def displaced(self) -> float:
         """Mass of the water that the cable displaces, per length [kg/m]."""
         return self.water.density * math.pi * self.cable.diameter**2 / 4.0
@@ -911,12 +952,6 @@ class Scene:
         """
         wanted = self.accuracy.estimate
         return wanted == "on" or (wanted == "auto" and self.measured.type == "none")
-
-    @property
-    def contact_stiffness(self) -> float:
-        """Contact force of a plane per length of cable and penetration depth [N/m^2]: as given, or
-        such that the weight on earth leads to the penetration DEPTH."""
-        return self.contact.stiffness or self.cable.mu * EARTH / (DEPTH * self.cable.diameter)
 
     def friction_of(self, one: Obstacle | Grasp) -> float:
         """Coefficient of friction of the cable on an obstacle, or in a grasp that slides."""
@@ -1006,6 +1041,11 @@ class Scene:
     def touches(self) -> bool:
         """Whether there are obstacles that the cable touches, or may come."""
         return bool(self.bodies or self.contact.markers) and self.terms.contact != "off"
+
+    @property
+    def touched(self) -> str:
+        """The first obstacle that the cable touches, in words."""
+        return f"obstacle {self.bodies[0].name}" if self.bodies else "contact.markers"
 
     @cached_property
     def moved(self) -> dict[str, Holder | Obstacle]:
@@ -1253,7 +1293,6 @@ def _of_damping(
 
 
 _GROWING = ", since its negative sub-steps make damping grow"
-_BOUNCING = ", since its steps cannot dissipate in contact"
 RESTRICTIONS = (
     Restriction(EXPLICIT, "terms.twist", _of_twist("frenet"), off="auto"),
     Restriction(IMPLICIT, "terms.twist", _of_twist("quasistatic"), off="bishop"),
@@ -1297,16 +1336,11 @@ RESTRICTIONS = (
         lambda scene: scene.plasticity.yield_curvature if scene.is_plastic else 0.0,
     ),
     Restriction(
-        LOSSY,
-        "friction",
-        lambda scene: f"of obstacle {scene.rubbing[0]}" if scene.rubbing else "",
-        why=_BOUNCING,
-    ),
-    Restriction(
-        LOSSY,
-        "contact.damping",
-        lambda scene: max(scene.contact.damping, 0.0) if scene.touches else 0.0,
-        why=_BOUNCING,
+        FORWARD,
+        "terms.contact",
+        lambda scene: f"{scene.terms.contact} ({scene.touched})" if scene.touches else "",
+        off="off",
+        why=", since its steps cannot land",
     ),
     Restriction(
         FORWARD,
@@ -1314,13 +1348,6 @@ RESTRICTIONS = (
         lambda scene: next((f"of grasp {one.name}" for one in scene.grasps if one.slides), ""),
         off="false",
         why=", since its steps cannot let the cable slide",
-    ),
-    Restriction(
-        FORWARD,
-        "contact.markers",
-        lambda scene: scene.contact.markers,
-        off="0",
-        why=", since obstacles that come later may be stiffer than its steps allow",
     ),
     Restriction(
         (*IMPLICIT, *EXPLICIT),
@@ -1397,6 +1424,7 @@ def scene_from_values(values: Mapping[str, object]) -> Scene:
         elif not is_node_key(key):
             raise unknown_key(key, value, known)
     scene = with_parameters(default_scene(*names), checked)
+    scene = replace(scene, cable=replace(scene.cable, bore=scene.hose.bore))
     _check(scene)
     return scene
 
@@ -1494,9 +1522,14 @@ def _conflicts(scene: Scene) -> Conflicts:
     if scene.contact.markers and scene.terms.contact == "off":
         problem = "obstacles would do nothing, since terms.contact is off; set it to auto"
         yield "contact.markers", scene.contact.markers, problem
-    if scene.hose.pressure and not 0.0 < scene.hose.bore < scene.cable.diameter:
+    if scene.water.level != NO_SURFACE and scene.water.density == 0.0:
+        problem = "m is the surface of no water; give water.density, or remove it"
+        yield "water.level", scene.water.level, problem
+    least = 0.0 if scene.hose.pressure else -1.0
+    if not least < scene.hose.bore < scene.cable.diameter:
+        what = "no inner diameter for a hose.pressure" if scene.hose.bore == 0.0 else "too wide"
         cure = f"give it, below cable.diameter ({scene.cable.diameter:g} m)"
-        yield "hose.bore", scene.hose.bore, f"m is no inner diameter for a hose.pressure; {cure}"
+        yield "hose.bore", scene.hose.bore, f"m is {what}; {cure}"
     yield from _times(scene)
     yield from _colors(scene)
 
@@ -1706,10 +1739,17 @@ def _obstacles(obstacles: tuple[Obstacle, ...], grasps: set[str], diameter: floa
         if obstacle.shape == "mesh" and not obstacle.mesh:
             problem = "is no file; give a mesh file, or another shape"
             yield f"obstacles.{obstacle.name}.mesh", obstacle.mesh, problem
+        if 0 < obstacle.mesh_cells < LEAST_CELLS:
+            problem = f"are too few; give {LEAST_CELLS} or more, or 0 to have them chosen"
+            yield f"obstacles.{obstacle.name}.mesh_cells", obstacle.mesh_cells, problem
         used = {"plane": 0, "mesh": 0, "sphere": 1, "ring": 2}.get(obstacle.shape, 3)
         key = f"obstacles.{obstacle.name}.size"
-        if 0.0 in obstacle.size[:used]:
-            problem = f"has a zero that a {obstacle.shape} needs; give its extents, or remove it"
+        least = min(obstacle.size[:used], default=LEAST_SIZE)
+        if least < LEAST_SIZE:
+            what = f"{least:g} m where a {obstacle.shape} needs more"
+            if least == 0.0:
+                what = f"a zero that a {obstacle.shape} needs"
+            problem = f"has {what}; give its extents, or remove it"
             yield key, obstacle.size, problem
         elif obstacle.shape in ("ring", "channel") and obstacle.size[0] <= diameter:
             problem = (
@@ -1731,8 +1771,10 @@ def check_added(scene: Scene, obstacle: Obstacle) -> None:
     Raises:
         SceneError: as for an obstacle of a scene; it has the name of another one; poses move it.
     """
+    triangles = isinstance(obstacle.mesh, str) and obstacle.mesh.startswith(IN_TEXT)
     for row in parameters_of(obstacle, f"obstacles.{obstacle.name}."):
-        check_value(row, row.default)
+        if not (triangles and row.default is obstacle.mesh):  # no name, and longer than one
+            check_value(row, row.default)
     taken = set(scene.holders) | {one.name for one in scene.bodies}
     if obstacle.name in taken:
         raise refusal("obstacles", obstacle.name, "is there already; remove it before")

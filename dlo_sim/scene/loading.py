@@ -83,7 +83,7 @@ def _beside(path: Path, values: dict[str, object]) -> dict[str, object]:
     for key, value in values.items():
         if key.startswith("obstacles.") and key.endswith(".mesh") and isinstance(value, str):
             if value and "://" not in value:
-                values[key] = str(path.parent / Path(value).expanduser())
+                values[key] = str(path.parent / os.path.expanduser(value))
     return values
 
 

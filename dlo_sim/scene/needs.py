@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -220,11 +221,32 @@ def _without_constraint(scene: Scene) -> str:
 
 def _taut(scene: Scene) -> bool:
     """Whether both ends are fixed along the line between them, at least the rest length apart."""
-    ends = [np.add(end.position, end.offset) for end in (scene.start, scene.end)]
-    line = ends[1] - ends[0]
+    line = _line(scene)
     along = [axis for axis in range(3) if line[axis]]
-    rigid = all(end.fixed[axis] for end in scene.ends.values() for axis in along)
-    return rigid and float(np.linalg.norm(line)) >= scene.cable.length * (1.0 - 1e-6)
+    return _far(scene) and all(end.fixed[axis] for end in scene.ends.values() for axis in along)
+
+
+def _line(scene: Scene) -> Vector:
+    """From the start's to the end's attachment [m], shape (3,)."""
+    start, end = (np.add(end.position, end.offset) for end in (scene.start, scene.end))
+    return np.asarray(end - start)
+
+
+def _far(scene: Scene) -> bool:
+    """Whether the ends are at least the rest length apart."""
+    return math.hypot(*_line(scene)) >= scene.cable.length * (1.0 - 1e-6)
+
+
+def _hangs_taut(scene: Scene) -> bool:
+    """Whether a cable is straight, hangs between two ends that hold no direction and rest, and
+    nothing but its weight bends it.
+    """
+    return (
+        all(any(end.fixed) and not end.holds_direction for end in scene.ends.values())
+        and _far(scene)
+        and not (scene.loads or scene.grasps or scene.is_driven or scene.touches)
+        and not (scene.cable.shaped or scene.hose.pressure)
+    )
 
 
 def _twist_model(scene: Scene) -> str:
@@ -281,9 +303,12 @@ def needs_of_load(needs: Needs, scene: Scene, force: Vector | None, torque: Vect
 
 
 def needs_of_end(needs: Needs, scene: Scene, *, leaves_plane: bool, twists: bool) -> Needs:
-    """Needs once an end or grasp moves, out of the plane or with a twist if so flagged."""
+    """Needs once an end or grasp moves, out of the plane or with a twist if so flagged.
+
+    A cable that is moved in its plane may become unstable across it.
+    """
     needs = needs.with_drive()
-    if leaves_plane:
+    if leaves_plane or scene.terms.out_of_plane != "off":
         needs = needs.spatial(scene)
     # Where nothing holds the cable against it, a gripper that turns it does not twist it.
     free = needs.twist_model in ("bishop", "quasistatic") and not twists_in_space(scene)
@@ -291,7 +316,11 @@ def needs_of_end(needs: Needs, scene: Scene, *, leaves_plane: bool, twists: bool
 
 
 def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
-    """All three axes, or the two of a plane; and whether anything can act out of that plane."""
+    """All three axes, or the two of a plane; and whether anything can act out of that plane.
+
+    A shape in a plane may be unstable across it, at once or while it moves, wherever a part of the
+    cable is compressed or held bent. Only a cable that hangs taut never is.
+    """
     switch = scene.terms.out_of_plane
     # Frenet and Bishop frames, and plasticity, are implemented in three dimensions only.
     framed = scene.terms.twist in ("frenet", "bishop", "quasistatic")
@@ -305,7 +334,7 @@ def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
         or scene.contact.markers > 0
         or not (scene.start.held or scene.end.held)
     )
-    if in_space or (switch == "auto" and free_to_leave):
+    if in_space or (switch == "auto" and not _hangs_taut(scene)):
         return _SPACE, False
     leaving = {normal: _forces_leave(scene, normal) for normal in (1, 0, 2)}
     planes = [normal for normal in leaving if not _ends_leave(scene, normal)]
@@ -317,6 +346,14 @@ def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
         axes = tuple(axis for axis in _SPACE if axis != normal)
         return axes, free_to_leave or leaving[normal]
     return _SPACE, False
+
+
+def mirrors(scene: Scene) -> list[float]:
+    """1 for each world axis normal to a plane in which all ends and grasps lie, and across which
+    nothing acts, else 0: nothing in the scene decides to which side of it the cable falls.
+    """
+    leave = (_ends_leave(scene, axis) or _forces_leave(scene, axis) for axis in _SPACE)
+    return [0.0 if leaves else 1.0 for leaves in leave]
 
 
 def _ends_leave(scene: Scene, normal: int) -> bool:

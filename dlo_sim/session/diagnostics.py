@@ -41,8 +41,8 @@ REASONS: dict[str, str] = {
     "too_fast": "a pose that would need more than inputs.max_speed",
     "too_many": "more points than are used (5,000 measured, 20,000 of a plan), a plan while a "
     "hundred wait, or more than 2 contact.markers + 1 markers or 1 MB of them in a message",
-    "bad_marker": "a marker that is no obstacle: an ellipsoid, an open mesh, without size, of "
-    "another type",
+    "bad_marker": "a marker that is no obstacle: an ellipsoid, an open mesh, without size, a crumb "
+    "beside the cable, of another type",
     "bad_plan": "a plan whose joints, times or poses the end effectors cannot follow from here",
 }
 """The reasons for which messages are refused."""
@@ -58,9 +58,11 @@ EVENTS: dict[str, str] = {
     "units": "poses are so far from the scene that they may be in millimetres",
     "slow_poses": "poses come so slowly or late that outputs are delayed more than by 0.06 s, or "
     "that inputs.latency or pose_timeout is too short for them",
-    "late": "a message arrived after the simulation had passed its time; it takes effect now, "
-    "measured points are rejected",
+    "late": "a message arrived, or the mesh of a marker was made, after the simulation had passed "
+    "its time; it takes effect now, measured points are rejected",
     "full": "more measurements wait than fit; the oldest is lost",
+    "too_many": "meshes of markers came faster than they are made; of each obstacle the newest "
+    "is made",
     "not_added": "an obstacle was not added: the cable is inside it, or contact.markers are there",
     "jumped": "an obstacle would have to move faster than inputs.max_speed; it stays where it is",
     "not_taken": "a gripper was to take the cable where it is already held",
@@ -71,7 +73,8 @@ EVENTS: dict[str, str] = {
     "resumed": "the simulation resumed from the state in state.save_to",
     "failed": "a step failed; the last good state is held",
     "not_published": "an output was not finite and was not published",
-    "unresolved": "the stretch of the cable is not what its tension explains: a fold or cusp",
+    "unresolved": "the stretch of the cable is not what its tension explains: a fold or cusp; or "
+    "the energy balance of an explicit method is open",
     "inaccurate": "the estimated error exceeds accuracy.target",
     "slow_newton": "Newton's method took far more iterations in a tick than usual",
     "markers_spared": "the prediction fell behind; markers are no longer published",

@@ -16,6 +16,7 @@ import numpy as np
 
 from dlo_sim.core import rotations
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.refusal import SceneError, one_line
 from dlo_sim.session.diagnostics import Journal
 from dlo_sim.session.gripper_path import (
     GripperPath,
@@ -66,28 +67,37 @@ class Drive:
         scene: what is simulated.
         factory: builds the simulator: factory(scene, end_poses=None).
         journal: counts what happens to inputs.
+        live: whether it must keep up with the clock.
+        saved: a state to begin with.
 
     Attributes:
         scene: what is simulated now; its grasps are taken or not as messages have told.
         simulator: the simulator; placed by `begin`.
         estimate: steps the simulator together with refined ones; None if errors are not estimated.
-        unresolved: one line if a shape of the last advance was no cable's
+        unresolved: one line if a shape or the energy of the last advance was no cable's
             (`simulation.soundness`), else "".
         surroundings: obstacles from markers; None if the scene takes none.
         observer: corrects the simulator by measurements; None if the scene has no measured points.
         grid: times of the steps; None before `begin`.
     """
 
-    def __init__(self, scene: Scene, factory: Callable[..., Simulator], journal: Journal) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        factory: Callable[..., Simulator],
+        journal: Journal,
+        live: bool = False,
+        saved: Snapshot | None = None,
+    ) -> None:
         scene = replace(scene, added=())  # as of a state to go on from, which adds them again
-        self.simulator = factory(scene)
+        self._factory, self._saved = factory, saved
+        self.simulator = self._not_begun(scene)
         self.estimate: ErrorEstimate | None = None
         self.unresolved = ""
         self._too_slow = False
         self._rebuilt = False  # whether the simulator's initial state differs from the scene's
         self.scene = scene
         self._note = journal.event
-        self._factory = factory
         self.paths = {k: GripperPath(k, x, journal) for k, x in scene.moved.items()}
         self._loads = {x.name: LoadSchedule(x) for x in scene.loads if x.input_topic}
         self._takes = {g.name: Waiting[TakeMessage]() for g in scene.grasps if g.taken_topic}
@@ -98,7 +108,7 @@ class Drive:
             self._timed.append(self.observer)
         self.surroundings: Surroundings | None = None
         if scene.contact.markers:
-            self.surroundings = Surroundings(scene, journal)
+            self.surroundings = Surroundings(scene, journal, live)
             self._timed.append(self.surroundings)
         self._queues: list[Waiting[Any]] = [*self.paths.values(), *self._timed]
         self.grid: StepGrid | None = None
@@ -147,27 +157,26 @@ class Drive:
         known = [stamp for stamp in stamps if stamp is not None]
         return max(known, default=wanted_ns) if len(known) == len(stamps) else None
 
-    def begin(self, base_ns: int, saved: Snapshot | None = None) -> None:
-        """Place the cable at the poses known at `base_ns`; step 0 is at the first multiple of the
-        step from there.
+    def begin(self, base_ns: int) -> bool:
+        """Place the cable at the poses known at `base_ns`, or resume the saved state: loads are
+        those of the scene then, and ends rejoin their poses smoothly from where they were. Step 0
+        is at the first multiple of the step from there.
 
-        Args:
-            saved: a state to resume instead: loads are those of the scene, and ends rejoin their
-                poses smoothly from where they were.
+        Returns:
+            Whether a state was resumed.
 
         Raises:
-            ValueError: the simulator refuses the poses or the state.
+            ValueError: the simulator refuses the poses.
         """
+        saved, self._saved = self._saved, None
         origin = grid_multiple_at_or_after(base_ns, self.simulator.step)
         poses = {name: path.begin(origin) for name, path in self.paths.items()}
         told = self._told(origin)
         if told:
             self.scene, self._rebuilt = _with_taken(self.scene, told), True
         if saved is not None:
-            held = {name: (one.position, one.orientation) for name, one in saved.geometries.items()}
-            before = self._factory(replace(saved.scene, added=()), end_poses=held)
-            before.restore(saved)
-            self.simulator = before.reconfigured(self.scene)
+            if told:
+                self.simulator = self.simulator.reconfigured(self.scene)
         elif poses or self._rebuilt:
             self.simulator = self._factory(self.scene, end_poses=poses)
         else:
@@ -180,6 +189,7 @@ class Drive:
                 path.skip_to(origin, *self.simulator.end_pose(name))
         if self.scene.estimates_errors and not self._too_slow:
             self.estimate = _estimate(self.simulator, None if saved is not None else poses)
+        return saved is not None
 
     def clear(self) -> None:
         """Discard the inputs and the grid; the simulator keeps its state until `begin`."""
@@ -357,7 +367,7 @@ class Drive:
                     self.simulator.check_take(name)
             return Prepared(self.scene, self.simulator, self.estimate)
         placed = self.grid is not None
-        simulator = self.simulator.reconfigured(scene) if placed else self._factory(scene)
+        simulator = self.simulator.reconfigured(scene) if placed else self._not_begun(scene)
         estimate = _estimate(simulator) if scene.estimates_errors else None
         return Prepared(self.scene, simulator, estimate)
 
@@ -392,6 +402,22 @@ class Drive:
             schedule.configure(scene.load(name))
         self._hold_loads()
         self._take_and_release(told)
+
+    def _not_begun(self, scene: Scene) -> Simulator:
+        """A simulator of a scene before `begin`."""
+        if self._saved is None:
+            return self._factory(scene)
+        from dlo_sim.simulation.simulator import Simulator  # imports the compiler
+
+        try:
+            return Simulator.resumed(self._saved).reconfigured(scene)
+        except SceneError:
+            raise
+        except (TypeError, ValueError, ArithmeticError) as error:
+            raise SceneError(
+                f"state.save_to: nothing goes on from the saved state ({one_line(str(error))}); "
+                "remove the file"
+            ) from None
 
     def _told(self, now_ns: int) -> dict[str, bool]:
         """Grasp -> whether it should hold the cable, from the messages up to a time."""
@@ -437,19 +463,11 @@ def _estimate(simulator: Simulator, poses: Mapping[str, Pose] | None = None) -> 
     """The estimate of the error of a simulator that was placed at these poses, or (None) that
     continues from its present state.
     """
-    from dlo_sim.simulation.error_estimate import ErrorEstimate
-    from dlo_sim.simulation.simulator import Simulator  # these import the compiler
+    from dlo_sim.simulation.error_estimate import ErrorEstimate  # imports the compiler
 
     if poses is None:
         return ErrorEstimate.continued(simulator)
-
-    def placed(scene: Scene) -> Simulator:
-        if scene.discretization != simulator.scene.discretization:
-            return Simulator(scene, poses)
-        # A run that is finer in time begins in the same shape; a search for it takes 0.1 s.
-        return simulator.reconfigured(scene.with_values({"initial.shape": "straight"}))
-
-    return ErrorEstimate(simulator, placed)
+    return ErrorEstimate.placed(simulator, poses)
 
 
 def _taken(scene: Scene) -> dict[str, bool]:

@@ -353,6 +353,7 @@ class Intake:
         self._length = scene.cable.length
         self._limits, self._world = scene.inputs, scene.frame_id
         self._most_obstacles = scene.contact.markers
+        self._radius = 0.5 * scene.cable.diameter
         self._content = ContentCheck(scene)
         for topic in self._topics.values():
             topic.configure(scene)
@@ -468,7 +469,7 @@ class Intake:
                 if there is not None:
                     marker = marker._replace(pose=self._content.check(there, "pose").values)
                     self._content.check_finite(marker.scale)
-                changes.append(change_of(marker))
+                changes.append(change_of(marker, self._radius))
             except Refused as refused:
                 bad.append((marker.name, refused))
         if bad:

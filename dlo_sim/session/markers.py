@@ -6,6 +6,10 @@ MODIFY too, adds it, or moves it if it is there with this shape; DELETE and DELE
 so does the end of a `lifetime` that is not renewed. A message takes effect at the stamp of its
 first marker.
 
+The field of a mesh is made beside the ticks. A mesh that no obstacle has yet takes effect at a time
+that follows from the stamps and from the sizes of the fields alone (`Surroundings`), so that a
+replay gives the same bits.
+
 A pose that differs from the one before is reached at a constant velocity, in the time between the
 two messages but at most `LONGEST`: the obstacle is late by as much, and carries along what lies on
 it. What would be faster than inputs.max_speed is a jump and is not followed.
@@ -14,15 +18,15 @@ it. What would be faster than inputs.max_speed is a jump and is not followed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.one_rotation import Quaternion, Vector, normalized, turn_between
-from dlo_sim.scene.description import Obstacle, Scene
+from dlo_sim.scene.description import LEAST_SIZE, Obstacle, Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import Journal, Refused
 from dlo_sim.session.time_base import SECOND
@@ -30,6 +34,7 @@ from dlo_sim.session.waiting import Waiting
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.error_estimate import ErrorEstimate
+    from dlo_sim.simulation.meshes import Field
     from dlo_sim.simulation.simulator import Simulator
 
 LONGEST = 0.2  # [s] for the way to a new pose
@@ -60,8 +65,9 @@ class Markers(NamedTuple):
     changes: tuple[Change, ...]
 
 
-def change_of(marker: cdr.Marker) -> Change:
-    """What a marker in the world frame says; its numbers are finite, its quaternion is a rotation.
+def change_of(marker: cdr.Marker, radius: float) -> Change:
+    """What a marker in the world frame says to a cable of this radius [m]; its numbers are finite,
+    its quaternion is a rotation.
 
     Raises:
         Refused: `bad_marker`: it is no obstacle.
@@ -80,8 +86,11 @@ def change_of(marker: cdr.Marker) -> Change:
     if shape is None:
         known = "CUBE (1), SPHERE (2), CYLINDER (3) or TRIANGLE_LIST (11)"
         raise _bad(f"type {marker.kind} is no obstacle; give {known}")
-    if not 0.0 < min(x, y, z) <= max(x, y, z) <= _LARGEST:
-        raise _bad(f"scale {cdr.shown(marker.scale)}; give lengths above 0 m, up to {_LARGEST:g} m")
+    if not LEAST_SIZE <= min(x, y, z) <= max(x, y, z) <= _LARGEST:
+        limits = f"of {LEAST_SIZE:g} to {_LARGEST:g} m"
+        raise _bad(f"scale {cdr.shown(marker.scale)}; give lengths {limits}")
+    if marker.lifetime_ns < 0:
+        raise _bad(f"lifetime {marker.lifetime_ns / SECOND:g} s; give 0 for one that stays")
     alike = {"sphere": (x, y, z), "cylinder": (x, y)}.get(shape, (x,))
     if max(alike) - min(alike) > ROUND * max(alike):
         raise _bad(f"scale {cdr.shown(marker.scale)} of a {shape} that is not round; give it round")
@@ -89,23 +98,27 @@ def change_of(marker: cdr.Marker) -> Change:
     turn = normalized((qx, qy, qz, qw))
     mesh, size = "", (x, y, z)
     if shape == "mesh":
-        mesh, size = _mesh_of(marker)
+        mesh, size = _mesh_of(marker, radius)
     obstacle = Obstacle(marker.name, shape, size, (px, py, pz), turn, mesh=mesh, mesh_cells=_CELLS)
     return Change(marker.name, obstacle, marker.lifetime_ns)
 
 
-def _mesh_of(marker: cdr.Marker) -> tuple[str, Vector]:
+def _mesh_of(marker: cdr.Marker, radius: float) -> tuple[str, Vector]:
     """The triangles of a marker as `Obstacle.mesh`, and their extents [m]."""
-    from dlo_sim.simulation.meshes import as_text  # imports the compiler
+    from dlo_sim.simulation.meshes import Grid, as_text  # imports the compiler
 
     count = len(marker.points)
     if count % 3 or not 4 <= count // 3 <= MOST_TRIANGLES:
         raise _bad(f"{count} points; give three for each of 4 to {MOST_TRIANGLES} triangles")
-    points = np.array(marker.points) * marker.scale
+    with np.errstate(over="ignore"):
+        points = marker.points * marker.scale
+    if np.abs(points).max() > _LARGEST:
+        raise _bad(f"a corner is more than {_LARGEST:g} m away; check the unit of its lengths")
     try:
         mesh = as_text(points.reshape(-1, 3, 3))
+        Grid(points, _CELLS, radius)
     except ValueError as problem:
-        raise _bad(str(problem)) from None
+        raise _bad(str(problem).partition(": ")[2]) from None
     x, y, z = np.ptp(points, axis=0).tolist()
     return mesh, (x, y, z)
 
@@ -114,25 +127,50 @@ def _bad(detail: str) -> Refused:
     return Refused("bad_marker", detail)
 
 
+class _Later(NamedTuple):
+    """What will be said of an obstacle when the meshes of a batch are made: as in a message of this
+    stamp [ns], None = no longer there.
+    """
+
+    obstacle: Obstacle | None
+    stamp_ns: int
+
+
 class Surroundings(Waiting[Markers]):
     """Messages of markers that wait, and what they have said of the obstacles.
+
+    What a message says of obstacles whose meshes are there, or that have none, takes effect at its
+    stamp. New meshes wait together with the removals of their messages until the batch before them
+    has taken effect, and then for the time that is allowed to make their fields
+    (`meshes.time_to_make`), which begins with their stamp: the simulation, which runs behind by
+    inputs.latency, does not wait for what is made in that time. Of one obstacle only the newest
+    mesh waits. If the fields are not made by then, a live session goes on and takes them later, and
+    says so; a replay waits for them.
 
     Args:
         scene: gives the limits.
         journal: counts what is not followed.
+        live: whether the session must keep up with the clock.
     """
 
-    def __init__(self, scene: Scene, journal: Journal) -> None:
-        self._note = journal.event
+    def __init__(self, scene: Scene, journal: Journal, live: bool = False) -> None:
+        self._note, self._live = journal.event, live
         self._maker: ThreadPoolExecutor | None = None
-        self._making: list[Future[object]] = []
+        self._fields: dict[str, Future[Field]] = {}  # by the mesh
+        self._radius = 0.0
         super().__init__(_MOST_WAITING)
         self.configure(scene)
 
     def configure(self, scene: Scene) -> None:
         """Use the limits of this scene."""
-        self._radius = 0.5 * scene.cable.diameter
+        before, self._radius = self._radius, 0.5 * scene.cable.diameter
         self._most, self._max_speed = scene.contact.markers, scene.inputs.max_speed
+        self._head_start_ns = round(scene.inputs.least_latency * SECOND)
+        if self._radius != before:
+            for field in self._fields.values():
+                field.cancel()
+            self._fields = {}
+            self._make(one for one, _ in self._batch.values())
 
     def clear(self) -> None:
         """Discard all messages and what was said of obstacles."""
@@ -140,33 +178,36 @@ class Surroundings(Waiting[Markers]):
         # Obstacle -> as the last message has it, the stamp of that, and the end of its life [ns].
         self._said: dict[str, tuple[Obstacle, int]] = {}
         self._ends: dict[str, int] = {}
+        # What takes effect with the batch that is being made, when [ns], and what with the next.
+        self._batch: dict[str, _Later] = {}
+        self._ready_ns: int | None = None
+        self._next: dict[str, _Later] = {}
+        self._late = False
+        self._free_ns = -(1 << 62)  # when all that was to be made before is made
+        self._make_no_more()
 
     def add(self, message: Markers) -> None:
         """Take an accepted message, as `Waiting.add`; a full queue loses its oldest."""
         if len(self._pending) == self._pending.maxlen:
             self._note("full", f"more than {_MOST_WAITING} messages of markers wait")
-        for _, obstacle, _ in message.changes:
-            if obstacle is not None and obstacle.shape == "mesh":
-                self._prepare(obstacle)
         super().add(message)
-
-    def _prepare(self, obstacle: Obstacle) -> None:
-        """Make the field of a mesh in another thread while the message waits; it takes 50 ms."""
-        from dlo_sim.simulation.meshes import field_of  # imports the compiler
-
-        if self._maker is None:
-            self._maker = ThreadPoolExecutor(1, "meshes")
-        self._making.append(self._maker.submit(field_of, obstacle, self._radius))
+        if not self._next and len(self._fields) <= self._most:  # not while it is paused
+            self._make(change.obstacle for change in message.changes)
 
     def shift_time(self, delta_ns: int) -> None:
         """Shift all stamps by delta [ns]."""
         super().shift_time(delta_ns)
         self._said = {name: (one, ns + delta_ns) for name, (one, ns) in self._said.items()}
         self._ends = {name: ns + delta_ns for name, ns in self._ends.items()}
+        for later in (self._batch, self._next):
+            later |= {name: _Later(one, ns + delta_ns) for name, (one, ns) in later.items()}
+        if self._ready_ns is not None:
+            self._ready_ns += delta_ns
+        self._free_ns += delta_ns
 
     def next_change_ns(self) -> int | None:
-        """Time base [ns] of the next known message or end of a life, None = none."""
-        changes = (super().next_change_ns(), *self._ends.values())
+        """Time base [ns] of the next known message, end of a life, or batch; None = none."""
+        changes = (super().next_change_ns(), self._ready_ns, *self._ends.values())
         return min((change for change in changes if change is not None), default=None)
 
     def apply(
@@ -178,37 +219,168 @@ class Surroundings(Waiting[Markers]):
         change = self.next_change_ns()
         if change is None or change > now_ns:
             return
-        while self._making:  # so that what takes effect depends on stamps alone
-            self._making.pop().result()
         before = {one.name: one for one in simulator.scene.added}
         there = dict(before)
         moving: dict[str, tuple[Obstacle, int]] = {}
-        for stamp_ns, changes in self.due(now_ns):
-            if now_ns - stamp_ns > step_ns:
+        self._take_batch(now_ns, there, moving)
+        waited = bool(self._next)
+        for message in self.due(now_ns):
+            if now_ns - message.stamp_ns > step_ns:
                 self._note("late", "markers came after the simulation had passed their stamp")
-            for name, obstacle, lifetime_ns in changes:
-                if obstacle is None:
-                    self._forget(name, there, moving)
-                else:
-                    new = name not in before or before[name] is not there.get(name)
-                    self._say(obstacle, stamp_ns, new, there, moving)
-                    self._ends.pop(name, None)
-                    if lifetime_ns:
-                        self._ends[name] = stamp_ns + lifetime_ns
-        for name in [name for name, end_ns in self._ends.items() if end_ns <= now_ns]:
-            self._forget(name, there, moving)
+            self._hear(message, before, there, moving)
+        gone = [name for name, end_ns in self._ends.items() if end_ns <= now_ns]
+        for name in gone:
+            del self._ends[name]
+        self._drop(gone)
+        self._forget(gone, there, moving)
+        if self._ready_ns is None and self._next:
+            self._begin(now_ns, now_ns + self._head_start_ns * waited)
+            self._take_batch(now_ns, there, moving)
         self._replace(before, there, simulator, driven)
+        self._make_no_more()
         for name, (obstacle, way_ns) in moving.items():
             self._move(name, obstacle, max(way_ns, step_ns) / SECOND, simulator, driven)
 
-    def _forget(
-        self, name: str, there: dict[str, Obstacle], moving: dict[str, tuple[Obstacle, int]]
+    def _take_batch(
+        self,
+        now_ns: int,
+        there: dict[str, Obstacle],
+        moving: dict[str, tuple[Obstacle, int]],
     ) -> None:
-        gone = [name]
-        if not name or name.endswith("/"):
-            gone = [one for one in there if not name or one.rpartition("/")[0] == name[:-1]]
+        """Let the batch take effect if it is time and its fields are made."""
+        if self._ready_ns is None or self._ready_ns > now_ns:
+            return
+        if not self._made:
+            self._late = True
+            return
+        if self._late:
+            late = (now_ns - self._ready_ns) / SECOND
+            self._note("late", f"meshes of markers were made {late:.3g} s too late")
+        for name, (obstacle, stamp_ns) in self._batch.items():
+            if obstacle is None:
+                self._forget([name], there, moving)
+            else:
+                self._say(obstacle, stamp_ns, True, there, moving)
+        self._batch, self._ready_ns, self._late = {}, None, False
+
+    def _hear(
+        self,
+        message: Markers,
+        before: dict[str, Obstacle],
+        there: dict[str, Obstacle],
+        moving: dict[str, tuple[Obstacle, int]],
+    ) -> None:
+        """Let a message take effect, or a part of it later."""
+        stamp_ns, changes = message
+        gone: dict[str, None] = {}
+        said: dict[str, Obstacle] = {}
+        for name, obstacle, lifetime_ns in changes:
+            if obstacle is not None:
+                said[name] = obstacle
+                self._ends.pop(name, None)
+                if lifetime_ns:
+                    self._ends[name] = stamp_ns + lifetime_ns
+                continue
+            for one in [*there, *self._batch, *self._next, *said]:
+                if name in ("", one, one.rpartition("/")[0] + "/"):
+                    gone[one] = None
+                    said.pop(one, None)
+                    self._ends.pop(one, None)
+        meshes = {one.mesh for one in there.values()}
+        new = {name: one for name, one in said.items() if one.mesh and one.mesh not in meshes}
+        self._drop([*(gone.keys() - new.keys()), *(said.keys() - new.keys())])
+        self._forget(gone.keys() & (said.keys() - new.keys()), there, moving)
+        for name, obstacle in said.items():
+            if name in new:
+                self._postpone(name, obstacle, stamp_ns)
+            else:
+                added = name not in before or before[name] is not there.get(name)
+                self._say(obstacle, stamp_ns, added, there, moving)
+        removed = [one for one in gone if one not in said and one in there]
+        if new:
+            self._next |= {one: _Later(None, stamp_ns) for one in removed}
+        else:
+            self._forget(removed, there, moving)
+
+    def _postpone(self, name: str, obstacle: Obstacle, stamp_ns: int) -> None:
+        """Let an obstacle take effect when its mesh is made, unless too many wait."""
+        making, waiting = (later.get(name, _Later(None, 0)).obstacle for later in self._both)
+        if making is not None and making.mesh == obstacle.mesh:
+            self._next.pop(name, None)
+            self._batch[name] = _Later(obstacle, stamp_ns)
+            return
+        if waiting is not None and waiting.mesh != obstacle.mesh:
+            self._note(
+                "too_many",
+                f"obstacle {name}: a newer mesh came before the last one was made; send meshes "
+                "less often, or smaller ones",
+            )
+        elif waiting is None and len(self._next) >= 2 * self._most:  # removed and added
+            self._note("too_many", f"obstacle {name}: {len(self._next)} others wait for meshes")
+            return
+        self._next[name] = _Later(obstacle, stamp_ns)
+
+    @property
+    def _both(self) -> tuple[dict[str, _Later], dict[str, _Later]]:
+        return self._batch, self._next
+
+    def _drop(self, names: Iterable[str]) -> None:
+        """Let nothing be said of these obstacles later."""
+        for name in names:
+            for later in self._both:
+                later.pop(name, None)
+
+    def _begin(self, now_ns: int, begin_ns: int) -> None:
+        """Let the batch be what waits, for which there is time from `begin_ns` on."""
+        from dlo_sim.simulation.meshes import time_to_make  # imports the compiler
+
+        self._batch, self._next = self._next, {}
+        needed = 0.0
+        for name, (obstacle, _) in list(self._batch.items()):
+            if obstacle is not None:
+                try:
+                    needed += time_to_make(obstacle, self._radius)
+                except ValueError as refusal:  # since the cable is thicker
+                    self._note("not_added", str(refusal))
+                    del self._batch[name]
+        self._free_ns = max(begin_ns, self._free_ns) + round(needed * SECOND)
+        self._ready_ns = max(now_ns, self._free_ns - self._head_start_ns)
+        self._make(one for one, _ in self._batch.values())
+
+    def _make(self, obstacles: Iterable[Obstacle | None]) -> None:
+        """Make the fields of those that are meshes in another thread."""
+        from dlo_sim.simulation.meshes import field_of  # imports the compiler
+
+        if self._maker is None:
+            self._maker = ThreadPoolExecutor(1, "meshes")  # which begins with its first task
+        for one in obstacles:
+            if one is not None and one.mesh and one.mesh not in self._fields:
+                self._fields[one.mesh] = self._maker.submit(field_of, one, self._radius)
+
+    def _make_no_more(self) -> None:
+        """Forget the fields that nobody wants any more."""
+        wanted = [one for both in self._both for one, _ in both.values()]
+        wanted += [change.obstacle for message in self._pending for change in message.changes]
+        for mesh in self._fields.keys() - {one.mesh for one in wanted if one is not None}:
+            self._fields.pop(mesh).cancel()
+
+    @property
+    def _made(self) -> bool:
+        """Whether the batch is made; a replay waits for it."""
+        meshes = {one.mesh for one, _ in self._batch.values() if one is not None}
+        fields = [self._fields[mesh] for mesh in meshes]
+        if not self._live:
+            wait(fields)
+        return all(field.done() for field in fields)
+
+    def _forget(
+        self,
+        gone: Iterable[str],
+        there: dict[str, Obstacle],
+        moving: dict[str, tuple[Obstacle, int]],
+    ) -> None:
         for one in gone:
-            for known in (there, moving, self._said, self._ends):
+            for known in (there, moving, self._said):
                 known.pop(one, None)
 
     def _say(
@@ -257,7 +429,12 @@ class Surroundings(Waiting[Markers]):
                 self._ends.pop(name, None)
             else:
                 kept.append(one)
-        driven.replace_added(tuple(kept))
+        if kept == list(before.values()):
+            return
+        try:
+            driven.replace_added(tuple(kept))
+        except ValueError as refusal:  # as when the file of a mesh is there no longer
+            self._note("not_added", str(refusal))
 
     def _move(
         self,

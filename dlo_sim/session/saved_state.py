@@ -19,11 +19,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim import __version__
+from dlo_sim.core import rotations
 from dlo_sim.core.arguments import count, number, numbers
+from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.npz import NpzUnreadable, read_npz
 from dlo_sim.process.atomic_output import write_atomically
-from dlo_sim.scene.description import Obstacle, Scene, scene_from_values, scene_values
-from dlo_sim.scene.needs import Needs
+from dlo_sim.scene.description import (
+    Obstacle,
+    Scene,
+    check_added,
+    scene_from_values,
+    scene_values,
+)
+from dlo_sim.scene.needs import NAMES, Needs
 from dlo_sim.scene.refusal import SceneError, brief, one_line
 from dlo_sim.simulation.resolution import continued
 
@@ -32,6 +40,8 @@ if TYPE_CHECKING:
     from dlo_sim.simulation.simulator import Snapshot
 
 Array = NDArray[np.float64]
+PLANES = (0, 1, 2), (0, 1), (0, 2), (1, 2)  # axes of a motion
+ROUNDED = 1e-6  # by which the size of a direction may differ from 1
 _VECTORS = {"position": 3, "orientation": 4, "attachment": 3, "tangent": 3}  # of a geometry
 # Groups whose parameters may differ, since they do not affect the meaning of the state.
 _FREE = ("inputs.", "outputs.", "state.")
@@ -63,6 +73,7 @@ def save_state(path: Path, state: Snapshot) -> None:
         "remainder": state.remainder,
         "needs": dataclasses.asdict(state.needs),
         "origin": state.origin.tolist(),
+        "step": state.step,
         "added": [dataclasses.asdict(obstacle) for obstacle in state.scene.added],
         "geometries": {
             name: [*(getattr(one, vector).tolist() for vector in _VECTORS), one.u]
@@ -133,6 +144,10 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
     from dlo_sim.simulation.simulator import Snapshot
 
     needs = Needs(**_with_tuples(head["needs"]))
+    reasons = *needs.left_out.keys(), *needs.left_out.values(), *needs.warnings
+    _expect(all(isinstance(text, str) for text in (needs.twist_model, *reasons)))
+    _expect(set(needs.active) <= set(NAMES) and tuple(needs.axes) in PLANES)
+    origin = numbers("origin", head["origin"], (3,))
     geometries = {}
     for name in scene.holders:
         *vectors, u = head["geometries"][name]
@@ -140,10 +155,19 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
             key: numbers(key, vector, (size,))
             for (key, size), vector in zip(_VECTORS.items(), vectors, strict=True)
         }
-        geometries[name] = Geometry(**shaped, u=None if u is None else number("u", u))
-    added = (Obstacle(**_with_tuples(one)) for one in head["added"])
+        u = None if u is None else number("u", u)
+        _expect(u is None or 0.0 <= u <= scene.cable.length)
+        geometries[name] = Geometry(**shaped, u=u)
+        EndMotion.resting(shaped["attachment"] + origin, shaped["orientation"])
+        EndMotion.resting(shaped["position"] + origin, rotations.IDENTITY)
+        _expect(abs(np.linalg.norm(shaped["tangent"]) - 1.0) < ROUNDED)
     taken = (replace(g, taken=geometries[g.name].u is not None) for g in scene.grasps)
-    scene = replace(scene, grasps=tuple(taken), added=tuple(added))
+    scene = replace(scene, grasps=tuple(taken), added=())
+    for one in head["added"]:
+        obstacle = Obstacle(**_with_tuples(one))
+        _expect(isinstance(obstacle.name, str))
+        check_added(scene, obstacle)
+        scene = replace(scene, added=(*scene.added, obstacle))
     of_inputs, of_state = build_model(scene, needs, geometries).rooms
     return Snapshot(
         scene,
@@ -153,8 +177,15 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
         numbers("state", state, (of_state,)),
         numbers("inputs", inputs, (of_inputs,)),
         geometries,
-        numbers("origin", head["origin"], (3,)),
+        origin,
+        number("step", head["step"]),
     )
+
+
+def _expect(fits: bool | np.bool_) -> None:
+    """Raise a ValueError unless contents fit."""
+    if not fits:
+        raise ValueError("the contents do not fit")
 
 
 def _with_tuples(values: dict[str, Any]) -> dict[str, Any]:

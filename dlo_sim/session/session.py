@@ -85,7 +85,7 @@ class Session:
         self._transforms = transforms
         sources = (*self.inputs, *tf_inputs(scene))
         self.journal = Journal([entry.topic for entry in sources])
-        self._drive = Drive(scene, simulator_factory, self.journal)
+        self._drive = Drive(scene, simulator_factory, self.journal, live, resume)
         timings = {name: path.timing for name, path in self._drive.paths.items()}
         self._latency = Latency(scene, timings, self.journal)
         queues = {entry: self._drive.queue(entry) for entry in sources}
@@ -95,7 +95,6 @@ class Session:
         _look_at(self._drive.simulator, scene)
         self._pacing = Pacing(scene, self._drive.simulator.step, live)
         self.restarts = 0
-        self._resume = resume
         self._paused = False
         self._resuming = False
         self._failure = ""
@@ -382,13 +381,12 @@ class Session:
         begin_ns = self._drive.ready_ns(wanted_ns)
         if begin_ns is None or begin_ns > wanted_ns:
             return False
-        saved, self._resume = self._resume, None
         try:
-            self._drive.begin(begin_ns, saved)
+            resumed = self._drive.begin(begin_ns)
         except ValueError as error:
             self._fail(f"the cable cannot be placed: {error}{self._intake.unit}")
             return False
-        if saved is not None:
+        if resumed:
             self.journal.event("resumed", "went on from the state in state.save_to")
         self._outputs = self._new_outputs()
         self._pacing.configure(self.scene, self._drive.simulator.step)

@@ -1,14 +1,24 @@
-"""Buckling of a straight cable: what lets it leave the line, and what a model cannot show of it.
+"""Buckling: what lets a cable leave the line or the plane in which it lies, and what is not shown.
 
-Where a cable is exactly straight, nothing has a component across it, and it stays straight for
-ever, however large the compression. A real one leaves the line as soon as the compression exceeds
-what the straight shape bears (Euler). So the dynamics look at a straight cable at fixed steps,
-whatever part of a run they belong to: at the same steps in a node, a replay and after a restart.
-Where it is compressed and its stiffness has a direction of negative curvature, all control points
-get velocities across the line, of fixed random directions: so small that they move the cable by
-PUSH of the accuracy asked for in the time in which the fastest mode grows e-fold, and without
-momentum, so that they do not show in the reactions. Their energy counts as work of the loads. A
-cable that bears its compression, or is not straight, is left alone.
+Where a cable lies exactly on a line or in a plane, and nothing acts across it, it stays there for
+ever, also where that is unstable: a straight cable under any compression (Euler), and a bent one
+that would fall over sideways. A real one leaves as soon as it can. So the dynamics look at fixed
+steps, whatever part of a run they belong to: at the same steps in a node, a replay and after a
+restart. Where the stiffness has a direction of negative curvature across the line or plane, all
+control points get velocities across it: so small that they move the cable by PUSH of the accuracy
+asked for in the time in which the fastest mode grows e-fold, and without momentum, so that they do
+not show in the reactions. Their energy counts as work of the loads.
+
+Nothing in the scene decides to which side the cable falls. The push is a fixed function of the
+material coordinate, so all discretisations of a scene fall to the same one.
+
+The stiffness across a plane is that of the shape, K, and that of the twist. Between two places that
+hold the roll of a cable without twist, l apart, a displacement y across the plane twists it by
+u . y, the change of the holonomy, with u_i = integral of b_i' kappa over the cable between them
+(kappa the curvature with its sign in the plane, per length): K + GJ / l u u^T.
+A factorisation counts the negative eigenvalues. Of a natural shape only K is known, not how the
+cable rolls. Nothing is pushed where K does not tell: where constraints keep the length, it lacks
+the tension; of a bent cable under moments, which are not conservative, it is not symmetric.
 
 Under torsion a straight cable coils, which only twist that acts on the shape shows; for other
 models of twist there is a warning.
@@ -21,16 +31,21 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import bspline, mass
+from dlo_sim.core import bspline, elimination, mass
 from dlo_sim.engine.arrays import ANY_STRETCH, BISHOP, TORSION
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
 
 Array = NDArray[np.float64]
-LOOK = 2e-3  # [s] between two looks at least
-BENT = 1e-3  # of the length, distance of the middle from the line beyond which none will be soon
-STRAIGHT = 1e-9  # of the length, distance from the line that counts as none
-PUSH = 0.05  # of the accuracy asked for: how far the push goes before it grows
+LOOK = 2e-3  # [s] between two looks at a straight cable at least
+PLANE_LOOKS = 256  # looks at a straight cable per look at one that is bent in a plane
+BENT = 1e-3  # of the length, distance from line or plane beyond which none will be in it soon
+EXACT = 1e-9  # of the length, distance from line or plane that counts as none
+PUSH = 0.05  # of the accuracy asked for, or of BENT lengths: how far it goes before it grows
+SLOWEST = 0.25  # [1/s] growth that counts
+ROUNDING = 1e-13  # of the largest entry of K, eigenvalue that counts as none
+WAVES = 6  # of the push along the cable
+SAMPLES = 6  # of a knot span, for the holonomy
 
 
 def steps_between_looks(step: float, multiple: int) -> int:
@@ -38,55 +53,125 @@ def steps_between_looks(step: float, multiple: int) -> int:
     return max(1, round(LOOK / (step * multiple))) * multiple
 
 
-def is_bent(cable: Cable) -> bool:
-    """Whether the middle of a cable is far from the line between its ends."""
-    x = cable.x
-    n = cable.model.n
-    chord, way = x[:, n - 1] - x[:, 0], x[:, n // 2] - x[:, 0]
-    lines = range(len(cable.model.axes))
-    along = sum(chord[k] * way[k] for k in lines)
-    square, reach = sum(chord[k] ** 2 for k in lines), sum(way[k] ** 2 for k in lines)
-    return bool(reach * square - along * along > (BENT * cable.model.knots[-1]) ** 2 * square)
+def look_due(cable: Cable) -> int:
+    """Every how many looks at a straight cable this one is looked at: 1 if it is nearly straight,
+    PLANE_LOOKS if it is nearly plane, 0 (never soon) otherwise.
+    """
+    lying = len(_extent(cable, BENT))
+    return 1 if lying == 1 else PLANE_LOOKS if lying < len(cable.model.axes) else 0
 
 
-def release_from_line(cable: Cable, scene: Scene) -> bool:
-    """Push a straight cable that does not bear its compression off its line; whether it did."""
-    if is_bent(cable):
-        return False
-    model = cable.model
-    dim = len(model.axes)
-    x = cable.x[:dim]
-    length = model.knots[-1]
-    chord = x[:, -1] - x[:, 0]
-    span = math.hypot(*chord)
-    if span < 0.1 * length or not model.has(ANY_STRETCH):
-        return False
-    along = chord / span
-    middle = x[:, model.n // 2] - x[:, 0]
-    if np.abs(_across(middle, along)).max() > STRAIGHT * length:
-        return False  # at first only one point, which costs the least
-    way = x - x[:, :1]
-    if np.abs(_across(way, along)).max() > STRAIGHT * length:
-        return False
-    rate = _growth(cable, scene.cable.mu, np.einsum("d,dn->n", along, way))
-    if rate == 0.0 or not _unstable(cable):
-        return False
+def release(cable: Cable, scene: Scene) -> Array | None:
+    """Push a cable that lies on a line or in a plane, where that is unstable.
+
+    Returns:
+        The projection (dim, dim) onto the directions in which it was pushed; None if it was not.
+    """
+    free = _across(cable)
+    if free is None:
+        return None
+    rate = growth(cable, scene, free)
+    if rate == 0.0:
+        return None
+    dim = len(cable.model.axes)
     push = np.zeros_like(cable.x)
-    push[:dim] = np.random.default_rng(0).standard_normal((dim, model.n))
-    push[:dim] = _across(push[:dim], along)
+    push[:dim] = np.einsum("de,en->dn", free, _pattern(cable))
     push = _without_momentum(cable, cable.free_acceleration(push))
     largest = np.abs(push[:dim]).max()
     if largest == 0.0:
-        return False
+        return None
     before = cable.kinetic()
-    cable.w[:dim] += PUSH * scene.accuracy.target * rate / largest * push[:dim]
+    way = PUSH * min(scene.accuracy.target, BENT * float(cable.model.knots[-1]))
+    cable.w[:dim] += way * rate / largest * push[:dim]
     cable.account.load_work += cable.kinetic() - before
-    return True
+    return free
 
 
-def _across(vectors: Array, along: Array) -> Array:
-    """Vectors (dim,) or (dim, n) less their parts in a unit direction (dim,)."""
-    return vectors - np.multiply.outer(along, np.einsum("d...,d->...", vectors, along))
+def side_note(cable: Cable, scene: Scene, since: float, free: Array) -> str:
+    """One line if a cable that could fall to either side at a time [s] has left its line or plane.
+
+    Args:
+        free: projection (3, 3) onto the directions across it.
+    """
+    away = np.einsum("de,ne->nd", free, cable.points[:, :3] - cable.points[0, :3])
+    if np.abs(away).max() <= scene.accuracy.target:
+        return ""
+    return (
+        f"the cable left at {since:.3g} s the line or plane in which everything lay, and the scene "
+        "leaves open to which side; finer runs fall to the same one"
+    )
+
+
+def plane_warning(cable: Cable, scene: Scene) -> str:
+    """One line if a cable, in space as terms.out_of_plane off keeps it in its plane, would leave
+    that, else empty.
+    """
+    free = _across(cable)
+    if free is None or not growth(cable, scene, free):
+        return ""
+    return (
+        "terms.out_of_plane: off, so the cable stays in its plane, where this shape is unstable: "
+        "in space it would fall over sideways; set it to auto"
+    )
+
+
+def _extent(cable: Cable, tolerance: float) -> list[list[float]]:
+    """Orthonormal directions in which five control points extend by more than a tolerance [of the
+    length], in plain numbers, which takes the least time.
+    """
+    n = cable.model.n
+    found: list[list[float]] = []
+    (start, *rest) = cable.x.T[[0, n // 4, n // 2, 3 * n // 4, n - 1]].tolist()
+    lines = range(len(cable.model.axes))
+    ways = [[point[k] - start[k] for k in lines] for point in rest]
+    least = tolerance * float(cable.model.knots[-1])
+    while len(found) < len(lines):
+        sizes = [math.hypot(*way) for way in ways]
+        size = max(sizes)
+        if size <= least:
+            break
+        farthest = ways[sizes.index(size)]
+        along = [value / size for value in farthest]
+        found.append(along)
+        for way in ways:
+            reach = sum(way[k] * along[k] for k in lines)
+            for k in lines:
+                way[k] -= reach * along[k]
+    return found
+
+
+def _across(cable: Cable) -> Array | None:
+    """Projection (dim, dim) onto the directions across the line or plane in which all control
+    points lie; None if there is none, if its stability is not known, or if the cable is straight
+    and nowhere compressed.
+    """
+    dim, knots, within = len(cable.model.axes), cable.model.knots, _extent(cable, EXACT)
+    if not 0 < len(within) < dim or not cable.model.has(ANY_STRETCH):
+        return None
+    if len(within) == 2 and cable.loads.size and cable.loads[:, 3:6].any():
+        return None
+    way = cable.x[:dim] - cable.x[:dim, :1]
+    free = np.eye(dim) - sum(np.outer(one, one) for one in within)
+    if np.abs(np.einsum("de,en->dn", free, way)).max() > EXACT * knots[-1]:
+        return None
+    if len(within) == 1:
+        edges = np.abs(np.diff(np.einsum("d,dn->n", within[0], way)))
+        if np.min(edges * 3.0 / (knots[4:-1] - knots[1:-4])) >= 1.0 - 1e-12:
+            return None
+    return np.asarray(free)
+
+
+def _pattern(cable: Cable) -> Array:
+    """Forces (dim, n) of the accelerations sum_k sin(k pi u / L + 0.7 axis + 0.4) / k, along every
+    axis: without symmetry, and strong in the long waves, which compression excites first.
+    """
+    share = np.pi * bspline.greville(cable.model.knots) / cable.model.knots[-1]
+    inertia = cable.model.mass(0)
+    fields = (
+        sum(np.sin(k * share + 0.7 * axis + 0.4) / k for k in range(1, WAVES + 1))
+        for axis in cable.model.axes
+    )
+    return np.stack([mass.multiply(inertia, field) for field in fields])
 
 
 def _without_momentum(cable: Cable, push: Array) -> Array:
@@ -102,30 +187,109 @@ def _without_momentum(cable: Cable, push: Array) -> Array:
     return push
 
 
-def _growth(cable: Cable, density: float, places: Array) -> float:
-    """Rate [1/s] at which the fastest mode of a compressed straight cable grows; 0 under tension.
+def growth(cable: Cable, scene: Scene, free: Array) -> float:
+    """Rate [1/s], within a factor of 1.5, at which the fastest mode across grows; 0 if none does.
 
-    A mode with wave number k grows with rate^2 = (P k^2 - EI k^4) / mu, fastest for k^2 = P / 2 EI;
-    the spline resolves k up to pi / span. P is the compression of the shortest edge.
+    A mode grows with a rate above r where K + r^2 M has a negative eigenvalue.
     """
-    model = cable.model
-    rest = (model.knots[4:-1] - model.knots[1:-4]) / 3.0
-    shortest = float(np.min(np.diff(places) / rest))
-    if shortest >= 1.0 - 1e-12:
+    _assemble(cable)
+    largest = float(np.abs(cable.band).max() / cable.model.mass(0).max())
+    if cable.solve_held(np.zeros(cable.band.shape[0])) == 0:
+        return 0.0  # stable in all directions, which costs the least to know
+    twisted = _holonomy(cable, scene, free)
+    rate = max(SLOWEST, math.sqrt(ROUNDING * largest))
+    if not _negative(cable, free, rate, twisted):
         return 0.0
-    force = model.axial_stiffness * (1.0 - shortest)
-    finest = np.pi * (model.n - bspline.DEGREE) / float(model.knots[-1])
-    square = min(force / (2.0 * float(model.bending_stiffness.max()) + 1e-300), finest**2)
-    return float(np.sqrt(0.5 * force * square / density))
+    while _negative(cable, free, 2.0 * rate, twisted):
+        rate *= 2.0
+    return math.sqrt(2.0) * rate
 
 
-def _unstable(cable: Cable) -> bool:
-    """Whether the stiffness of what is free has a negative eigenvalue."""
+def _assemble(cable: Cable) -> None:
+    """The stiffness of the present shape, with that of moments, in the band matrix."""
     cable.stiffness()
     if cable.loads.size and cable.loads[:, 3:6].any():
         cable.add_moment_stiffness()
-    unknowns = np.zeros(cable.model.n * len(cable.model.axes))
-    return cable.solve_held(unknowns) > 0
+
+
+def _negative(cable: Cable, free: Array, rate: float, twisted: tuple[Array, Array]) -> bool:
+    """Whether K + rate^2 M + U C U^T has a negative eigenvalue across the line or plane.
+
+    With the m columns of U and the compliances 1 / C it has as many as K + rate^2 M and
+    - 1 / C - U^T (K + rate^2 M)^-1 U together, less m.
+    """
+    columns, compliances = twisted
+    sides = free[:, np.argmax(np.diag(free))]
+    sides = sides / math.hypot(*sides)
+    solved = []
+    for column in (*columns, np.zeros(cable.model.n)):
+        _restrict(cable, free, rate)
+        unknowns = np.outer(column, sides).ravel()
+        count = cable.solve_held(unknowns)
+        solved.append((unknowns.reshape(len(column), -1) * sides).sum(axis=1))
+    if not len(columns) or count <= 0:
+        return count > 0
+    schur = -np.diag(compliances) - np.einsum("in,kn->ik", columns, solved[:-1])
+    pivots = elimination.solve(schur, compliances)[1]
+    return bool(count + np.count_nonzero(pivots < 0.0) > len(columns))
+
+
+def _restrict(cable: Cable, free: Array, rate: float) -> None:
+    """Write K + rate^2 M across the line or plane, and a multiple of one in it, to the band."""
+    _assemble(cable)
+    n, dim = cable.model.n, len(cable.model.axes)
+    rows = np.arange(dim)[None, :, None]
+    columns = 4 * dim - 1 + dim * np.arange(-3, 4)[:, None, None] + np.arange(dim) - rows
+    band = cable.band.reshape(n, dim, -1)
+    blocks = np.einsum(
+        "ab,knbc->knac", free, np.einsum("knab,bc->knac", band[:, rows, columns], free)
+    )
+    inertia = rate**2 * cable.model.mass(0)
+    for k in range(4):
+        blocks[: n - k, 3 + k] += inertia[k, : n - k, None, None] * free
+        if k:
+            blocks[k:, 3 - k] += inertia[k, : n - k, None, None] * free
+    blocks[:, 3] += np.abs(blocks[:, 3]).max() * (np.eye(dim) - free)
+    band[:, rows, columns] = blocks
+
+
+def _holonomy(cable: Cable, scene: Scene, free: Array) -> tuple[Array, Array]:
+    """What a displacement across the plane twists (m, n) between neighbouring places that hold the
+    roll, and the compliance (m,) [rad/(N m)] of each such part of the cable with its springs.
+    """
+    model, nothing = cable.model, (np.zeros((0, cable.model.n)), np.zeros(0))
+    dim = len(model.axes)
+    if not model.has(BISHOP) or dim < 3 or abs(np.trace(free) - 1.0) > 0.5:
+        return nothing
+    greville, holding = bspline.greville(model.knots), model.holding
+    held = sorted(
+        (float((holding.points[row.point].values(model.n) * greville).sum()), 1.0 / row.stiffness)
+        for row in (*holding.rows, *holding.springs)
+        if holding.points[row.point].twist
+    )
+    if len(held) < 2:
+        return nothing
+    normal = free[:, np.argmax(np.diag(free))]
+    normal = normal / math.hypot(*normal)
+    ends = bspline.breaks(model.knots)
+    rise = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    u = (ends[:-1, None] + np.diff(ends)[:, None] * rise).ravel()
+    lengths = np.repeat(np.diff(ends) / SAMPLES, SAMPLES)
+    first, slopes = bspline.active_basis(model.knots, u, 1)
+    bends = bspline.active_basis(model.knots, u, 2)[1]
+    at = first[:, None] + np.arange(bspline.ACTIVE)
+    points = cable.x[:dim].T[at]
+    tangent, bend = (np.einsum("mk,mkd->md", one, points) for one in (slopes, bends))
+    bent = np.einsum("md,d->m", np.cross(tangent, bend), normal)
+    signed = bent / np.einsum("md,md->m", tangent, tangent) ** 1.5
+    weights = (lengths * signed)[:, None] * slopes
+    columns = np.zeros((len(held) - 1, model.n))
+    compliances = np.zeros(len(held) - 1)
+    for k, ((begin, soft), (end, softer)) in enumerate(zip(held[:-1], held[1:], strict=True)):
+        inside = (u > begin) & (u < end)
+        np.add.at(columns[k], at[inside], weights[inside])
+        compliances[k] = (end - begin) / scene.cable.GJ + soft + softer
+    return columns, compliances
 
 
 def coiling_warning(scene: Scene, cable: Cable) -> str:

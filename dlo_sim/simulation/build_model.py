@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +18,7 @@ from dlo_sim.simulation.arrays import most_sizes, sizes_of, to_blocks, without_m
 from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.holding import Holding, holding_of
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.obstacles import field_values, pieces_of
+from dlo_sim.simulation.obstacles import fields_of, pieces_of
 from dlo_sim.simulation.resolution import knot_grading
 
 Array = NDArray[np.float64]
@@ -40,6 +42,7 @@ def build_model(
     holding = holding_of(scene, geometries, knots, axes, twist)
     curved = "bend" in needs and ("plasticity" in needs or scene.cable.shaped)
     pieces = pieces_of(scene) if "contact" in needs else 0
+    fields = fields_of(scene) if "contact" in needs else ()
     segments = self_contact.segments_of(scene, knots) if "self_contact" in needs else 0
     sizes = sizes_of(
         terms=_terms(scene, needs, curved, holding),
@@ -59,7 +62,7 @@ def build_model(
         pieces=pieces,
         segments=segments,
         constraints=n - 1 if inextensible(scene) else 0,
-        field_values=field_values(scene) if "contact" in needs else 0,
+        field_values=sum(field.values.size for field in fields),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
     arrays.axes[: len(axes)] = axes
@@ -67,11 +70,12 @@ def build_model(
     rest[list(axes)] = 0.0
     bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
     origin = np.zeros(3) if origin is None else origin
-    room = obstacles.MOST_PIECES if scene.contact.markers else pieces
+    room = max(pieces, obstacles.MOST_PIECES) if scene.contact.markers else pieces
     most = most_sizes(scene, n, rule.xi.shape[1], room, segments)
     stiffness = scene.cable.EA, bending
     places = dict(zip(scene.bodies, obstacles.at_rest(scene, origin), strict=True))
-    model = Model(arrays, most, knots, rule, axes, twist, holding, *stiffness, rest, origin, places)
+    lines = axes, twist, holding
+    model = Model(arrays, most, knots, rule, *lines, *stiffness, rest, origin, places, fields)
     _Filling(scene, needs, model).fill()
     return model
 
@@ -106,6 +110,7 @@ def fill_rows(model: Model, values: Array, shifts: Array) -> None:
 # Share of the polar inertia that a cable with quasistatic twist keeps, because it could not be
 # inverted without: too little to matter in the energy account; more where nothing holds the roll.
 STATIC, FREE_STATIC = 1e-24, 1e-9
+WATER_PARTS = 8, 32  # of a span where the water has a surface, fewest and most
 SELECTIVE = 3e-3  # of mu h^6 integral b''' b'''
 
 
@@ -123,6 +128,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool, holding: Holding) -> int:
         bits.MATERIAL: curved and "bishop" in needs,
         bits.ROLLING: rolls and {"contact", "bishop"} <= set(needs.active),
         bits.DRAG: scene.drag_across > 0.0 or any(scene.water_drag),
+        bits.SURFACE: scene.water_surface is not None,
         bits.THINNED: "bend" in needs and thinning,
     }
     present |= {bit: name in needs for name, bit in bits.BITS.items()}
@@ -183,7 +189,8 @@ class _Filling:
             self._factors(linear.factors[kind], band, np.zeros(model.n, dtype=bool))
         if "gravity" in self._needs:
             pull = np.asarray(scene.gravity)[self._axes]
-            weight = mass.multiply(space - scene.displaced * gram, np.ones(model.n))
+            displaced = scene.displaced * (scene.water_surface is None)
+            weight = mass.multiply(space - displaced * gram, np.ones(model.n))
             self._inside(linear.weight)[:] = np.outer(pull, weight)
         if model.twist:
             slopes = mass.gram(model.knots, 1, model.rule)
@@ -291,3 +298,17 @@ class _Filling:
                     getattr(physics, name)[: len(axes)] = np.array(value)[axes]
                 else:
                     setattr(physics, name, value)
+        if self._scene.water_surface is not None:
+            self._surface(*self._scene.water_surface)
+
+    def _surface(self, up: tuple[float, ...], level: float) -> None:
+        """The surface of the water, in radii of the cable."""
+        scene, model, physics = self._scene, self._model, self._arrays.physics
+        radius, normal = 0.5 * scene.cable.diameter, np.array(up)
+        physics.water_up[: len(self._axes)] = normal[self._axes] / radius
+        physics.water_level = (level - (normal * (model.origin + model.rest)).sum()) / radius
+        longest = float(np.diff(bspline.breaks(model.knots)).max())
+        physics.water_parts = float(np.clip(np.ceil(longest / radius), *WATER_PARTS))
+        if "gravity" in self._needs:
+            pull = scene.displaced * math.hypot(*scene.gravity)
+            physics.buoyancy = pull * radius

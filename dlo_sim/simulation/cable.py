@@ -126,15 +126,20 @@ class Cable:
                     bristles[k] = resampled(*kept, pieces)
 
     def take_over_contact(self, other: Cable) -> None:
-        """Go on with the yielding and the friction that holds of another cable's obstacles of the
-        same names; its control points have the same knots.
+        """Go on with the yielding of another cable's obstacles of the same names, and with the
+        friction that holds if its control points have the same knots.
         """
-        theirs = {obstacle.name: kept for obstacle, kept in other._touched().items()}
-        state, pieces = self.arrays.state, self.arrays.contact.pieces
+        same = np.array_equal(self.model.knots, other.model.knots)
+        laws = other.arrays.contact.law[:, contact.BRISTLE]
+        touched = zip(other._touched().items(), laws, strict=False)
+        theirs = {obstacle.name: (*kept, law) for (obstacle, kept), law in touched}
+        state, group = self.arrays.state, self.arrays.contact
         for k, obstacle in enumerate(self.model.obstacles):
             if k < len(self.obstacles) and obstacle.name in theirs:
-                _, state.yielded[k], kept = theirs[obstacle.name]
-                np.asarray(state.bristle)[k] = resampled(*kept, pieces)
+                _, state.yielded[k], kept, law = theirs[obstacle.name]
+                if same:
+                    force = law * resampled(*kept, group.pieces)
+                    np.asarray(state.bristle)[k] = force / group.law[k, contact.BRISTLE]
 
     def _set_pairs(self, pairs: Array, axes: Sequence[int]) -> None:
         """Set the pairs of segments and the bristles between them, which are by these axes."""
@@ -148,7 +153,7 @@ class Cable:
     def _begin_strands(self, before: Cable | None, released: Sequence[float]) -> None:
         """Begin the contact with itself. Pairs, bristles and yielding are those of the cable
         `before` if it touches itself by the same law; else, and where grasps have released it since
-        (u [m]), what overlaps gives way.
+        (u [m]), what overlaps gives way, until it is pressed no more than before.
         """
         state, account = self.arrays.state, self.account
         state.pair[:] = 0.0
@@ -161,9 +166,14 @@ class Cable:
                 self.part_strands(u)
         else:
             self.call(self_contact.look)
-            account.overlap = self.part_strands()
+            kept = before.pressed_strands if before and not released else None
+            if kept is not None:
+                kept /= self.arrays.chain.law[contact.STIFFNESS]
+            parted = self.part_strands(kept=kept)
+            shallow = contact.SHALLOW * self.arrays.chain.diameter
+            account.overlap = parted if parted > shallow else 0.0
         if before and before.model.has(SELF):
-            account.overlap = before.account.overlap
+            account.overlap = max(account.overlap, before.account.overlap)
 
     def _touches_as(self, other: Cable) -> bool:
         """Whether pairs of another cable are pairs of this one, and their forces the same."""
@@ -296,6 +306,24 @@ class Cable:
 
     # -- state ----------------------------------------------------------------------------------
 
+    @property
+    def indices_fit(self) -> bool:
+        """Whether the state, which may be of a damaged file, names only what its arrays have."""
+        state, account, chain = self.arrays.state, self.account, self.arrays.chain
+        spans = len(chain.arc) ** 2
+        named = [
+            (account.near_spans, state.near_pair, spans),
+            (account.pairs, state.pair[0], spans * chain.segments**2),
+        ]
+        groups = len(self.arrays.contact.first)
+        named += [(n, row, groups) for n, row in zip(state.near_count, state.near, strict=True)]
+        on = (self.slides >= 0.0) & (self.slides <= self.model.knots[-1])
+        return bool(np.all(on | (self.slides == sliding.LOST))) and all(
+            0.0 <= count <= len(row)
+            and np.all((row[: int(count)] >= 0.0) & (row[: int(count)] < most))
+            for count, row, most in named
+        )
+
     def point_grasps(self, t: float) -> None:
         """Set the directions of the constraint rows to those of the grasps at time t."""
         self.call(between_steps.turn_to, t)
@@ -326,12 +354,22 @@ class Cable:
         self.call(self_contact.report, rows)
         return rows
 
-    def part_strands(self, u: float | None = None) -> float:
+    @property
+    def pressed_strands(self) -> float | None:
+        """Largest force per length between strands [N/m]; None without contact with itself."""
+        if not self.model.has(SELF):
+            return None
+        depth = -float(self.strands()[:, 0].min(initial=0.0)) - self.account.pair_yield
+        return float(self.arrays.chain.law[contact.STIFFNESS]) * max(depth, 0.0)
+
+    def part_strands(self, u: float | None = None, kept: float | None = None) -> float:
         """Let strands that overlap give way (`engine.self_contact`); returns by how much [m].
 
         Args:
             u: only if they depend on the control points of this material coordinate [m], which a
                 grasp has released.
+            kept: until they are this deep in each other [m]; default: all of it if they are not
+                SHALLOW.
         """
         if not self.model.has(SELF):
             return 0.0
@@ -342,15 +380,11 @@ class Cable:
             spans = np.stack(np.divmod(keys, len(chain.arc)))
             own = np.searchsorted(bspline.breaks(self.model.knots)[1:], u)
             found = found[(np.abs(spans - own) <= bspline.DEGREE).any(axis=0)]
-        depth = -float(found.min(initial=0.0))
-        if depth < contact.SHALLOW * chain.diameter:
+        depth = -float(found.min(initial=0.0)) - (kept or 0.0)
+        if depth <= (TINY if kept is not None else contact.SHALLOW * chain.diameter):
             return 0.0
         account.pair_yield = account.pair_yield_end = max(depth, account.pair_yield)
         return depth
-
-    def give_way(self, obstacle: int) -> float:
-        """Let an obstacle yield to the cable that is inside it; returns by how much [m]."""
-        return float(self.call(contact.give_way, obstacle))
 
     def put(
         self, points: Array, rates: Array, time: float | None = None, follow: bool = False
@@ -380,6 +414,18 @@ class Cable:
         """Let the natural shape in the material frame follow the cable to the present shape."""
         if self.model.has(MATERIAL):
             self.call(follow_to_present)
+
+    def follow_shape(self) -> None:
+        """Go over to the Bishop frame of the present shape: the twist angles and `frame_turn`
+        change, the material frames stay, and the natural shape follows them.
+        """
+        self.call(between_steps.follow_shape)
+
+    def twist_forces(self, by_frame: bool) -> Array:
+        """Forces that couple twist and shape (`between_steps.twist_forces`), shape (lines, n)."""
+        out = self._lines()
+        self.call(between_steps.twist_forces, by_frame, out)
+        return self.shown(out)
 
     def turn_natural(self, rows: Array, turn: Array) -> None:
         """Set the natural shape to these rows, from `to_blocks`, with their vectors turned by a
@@ -546,10 +592,14 @@ class Cable:
     def solve_held(self, unknowns: Array, transposed: bool = False) -> int:
         """Solve band x = unknowns, or band^T x = unknowns, in place with the constraint rows fixed.
 
+        Args:
+            unknowns: shape (n dim,), or one row for each right-hand side.
+
         Returns:
             The number of negative pivots, or -1 if a pivot is not usable.
         """
-        return int(self.call(between_steps.solve_held, unknowns, transposed))
+        rows = unknowns.reshape(-1, self.model.n * len(self.model.axes))
+        return int(self.call(between_steps.solve_held, rows, transposed))
 
     def free_acceleration(self, force: Array, keep: bool = True) -> Array:
         """P M^-1 f of forces f, shape (lines, n); M^-1 f if `keep` is false."""

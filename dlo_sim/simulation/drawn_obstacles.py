@@ -5,6 +5,7 @@ drawn from.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from copy import deepcopy
 
 import numpy as np
@@ -20,13 +21,18 @@ from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.self_contact import contact_with_itself
 
 Array = NDArray[np.float64]
+Look = Callable[[Cable, Mapping[str, obstacles.Contact]], object]
 MOST_LOOKS = 100  # samples of a run whose contacts are computed
 PLATE = 1.4  # side of what is shown of a plane, in diagonals of the box that the run needs
 
 
-def drawn_obstacles(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str, Array]:
+def drawn_obstacles(scene: Scene, cable: Cable, recorder: Recorder, look: Look) -> dict[str, Array]:
     """Obstacles along the samples of a run, and where the cable touches them or itself; empty if it
     can touch nothing.
+
+    Args:
+        look: called with the cable at every sample whose contacts are computed, and these by the
+            names of the obstacles.
 
     Returns:
         obstacle_triangles: surfaces, each in the frame of its obstacle [m], shape (k, 3, 3), and
@@ -65,11 +71,13 @@ def drawn_obstacles(scene: Scene, cable: Cable, recorder: Recorder) -> dict[str,
         "obstacle_triangles": np.concatenate(surfaces),
         "obstacle_of": np.concatenate(numbers),
         "obstacle_poses": poses,
-        **_contacts(scene, cable, recorder, poses),
+        **_contacts(scene, cable, recorder, poses, look),
     }
 
 
-def _contacts(scene: Scene, cable: Cable, recorder: Recorder, poses: Array) -> dict[str, Array]:
+def _contacts(
+    scene: Scene, cable: Cable, recorder: Recorder, poses: Array, look: Look
+) -> dict[str, Array]:
     """The part of `drawn_obstacles` that has to do with contact."""
     twin, count = deepcopy(cable), recorder.count
     bodies = scene.bodies if cable.model.has(CONTACT) else ()
@@ -82,17 +90,20 @@ def _contacts(scene: Scene, cable: Cable, recorder: Recorder, poses: Array) -> d
             rows for part, rows in recorder.obstacles() if part.start <= sample < part.stop
         )
         twin.touch_anew(recorder.times[sample])
-        found = [
-            obstacles.contact_with(twin, k, body, (pose[:3], pose[3:]), None)
+        tension = obstacles.tension_along(scene, twin)
+        found = {
+            body.name: obstacles.contact_with(twin, k, body, (pose[:3], pose[3:]), tension)
             for k, (body, pose) in enumerate(zip(bodies, poses[sample], strict=True))
-        ]
+        }
         to_itself.append(math.inf)
         if cable.model.has(SELF):
-            found.append(contact_with_itself(twin, scene.cable.diameter))
-            to_itself[-1] = found[-1].clearance
-        gaps.append(min(contact.clearance for contact in found))
-        sizes.append([contact.exerted for contact in found])
-        for contact in found:
+            itself = contact_with_itself(twin, scene.cable.diameter, tension)
+            found[obstacles.ITSELF] = itself
+            to_itself[-1] = itself.clearance
+        look(twin, found)
+        gaps.append(min(contact.clearance for contact in found.values()))
+        sizes.append([contact.exerted for contact in found.values()])
+        for contact in found.values():
             points.append(contact.points)
             forces.append(contact.forces)
             samples.append(np.full(len(contact.points), float(sample)))

@@ -23,6 +23,10 @@ be most of the cost for no information: with a step of 13 us the shipped paper s
 in time and by 3e-3 m in space. In such a case only the companion in space runs. Its step is shorter
 too, for stability, so its distance includes the error in time.
 
+Of several equilibria the companions begin in that of the original. Where symmetry leaves open to
+which side a cable falls, all fall to the same one (`buckling`, `Simulator.notes`): what the side
+does to the shape is no error of the discretisation.
+
 The estimate is the error of the run so far, not of one step: the phase errors of an undamped cable
 accumulate, and the estimate grows with them. It excludes errors of the quadrature and of the model.
 """
@@ -42,12 +46,13 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import bspline
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT, METHODS
-from dlo_sim.scene.description import PARAMETERS, Obstacle, Scene
+from dlo_sim.scene.description import Obstacle, Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.geometry import Pose
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import DiscretizationError, Report, newton_note
+from dlo_sim.simulation.resolution import MOST_CONTROL_POINTS, raised
 from dlo_sim.simulation.selection import accurate_step, safe_share
 from dlo_sim.simulation.simulator import Simulator
 
@@ -61,9 +66,6 @@ TIME_FACTOR = 2  # refinement of the companions
 SPACE_FACTOR = 1.5
 SPACE_FACTOR_OFF_KNOTS = 3.0  # where a grasp holds the direction of the cable
 SHORT = 0.1  # of the accurate step; below it the time error is below 1 % of accuracy.target
-MOST_CONTROL_POINTS = next(
-    int(row.high or 0) for row in PARAMETERS if row.key == "discretization.control_points"
-)
 # EA h^2 / EI of a knot span h above which stretching by span was more accurate for strongly bent
 # cables (cantilever of the work-precision study: 225 to 3600).
 THIN = 200.0
@@ -100,16 +102,17 @@ class ErrorEstimate:
 
     Args:
         simulator: its error is estimated; from now on step and change it only through this object.
-        place: builds a companion from its scene; the default `Simulator` is right if no end
-            effector was moved.
+        place: builds a companion from its scene; the default begins in the simulator's equilibrium
+            and is right if no end effector was moved.
 
     Attributes:
         simulator: see above. companions: the finer runs, in time and in space.
         seconds: wall time spent on the companions [s]. order: of convergence in time.
     """
 
-    def __init__(self, simulator: Simulator, place: _Place = Simulator) -> None:
+    def __init__(self, simulator: Simulator, place: _Place | None = None) -> None:
         self.simulator = simulator
+        place = place or _placing(simulator)
         self._begun = simulator.steps
         self.seconds = 0.0
         self.order = _order_in_time(simulator)
@@ -125,7 +128,7 @@ class ErrorEstimate:
         cls, simulator: Simulator, end_poses: Mapping[str, Pose] | None = None
     ) -> ErrorEstimate:
         """An estimate for a simulator built with these poses; its companions are built alike."""
-        return cls(simulator, lambda scene: Simulator(scene, end_poses))
+        return cls(simulator, _placing(simulator, end_poses))
 
     @classmethod
     def continued(cls, simulator: Simulator) -> ErrorEstimate:
@@ -155,8 +158,11 @@ class ErrorEstimate:
 
     def advice(self, error: DiscretizationError) -> str:
         """An error that exceeds accuracy.target, and what cures it, one line; else empty."""
-        simulator = self.simulator
-        return advice(simulator.scene, simulator.method, simulator.step, self.order, error)
+        simulator, needed = self.simulator, 0
+        if error.total > simulator.scene.accuracy.target:  # contacts take long to compute
+            needed = simulator.control_points_needed
+        given = simulator.scene, simulator.method, simulator.step, self.order
+        return advice(*given, error, needed)
 
     def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
         """Advance all three; returns the simulator's report.
@@ -255,7 +261,7 @@ class ErrorEstimate:
 
 
 def error_along(
-    simulator: Simulator, places: Array, predicted: Callable[[Scene], Array]
+    simulator: Simulator, places: Array, predicted: Callable[[Scene], Array], needed: int = 0
 ) -> tuple[DiscretizationError, str]:
     """Error of a prediction that finer simulators of the same kind can repeat, and the advice.
 
@@ -263,6 +269,7 @@ def error_along(
         simulator: that predicted; its method is implicit.
         places: predicted places [m], shape (T, K, 3).
         predicted: makes the same prediction with another scene; shorter if it failed.
+        needed: as for `advice`.
     """
     found, unknown = {"time": 0.0, "space": 0.0}, ""
     for part in PARTS:
@@ -277,7 +284,8 @@ def error_along(
             found[part] = math.inf
             unknown = unknown or f"no finer run to compare with: {refusal}"
     error, order = DiscretizationError(**found, unknown=unknown), _order_in_time(simulator)
-    return error, advice(simulator.scene, simulator.method, simulator.step, order, error)
+    given = simulator.scene, simulator.method, simulator.step, order
+    return error, advice(*given, error, needed)
 
 
 class _Companion:
@@ -370,6 +378,19 @@ class _Companion:
         self.failure, self.largest = reason, math.inf
 
 
+def _placing(simulator: Simulator, end_poses: Mapping[str, Pose] | None = None) -> _Place:
+    """What builds companions that begin in the equilibrium of a simulator, built with these poses,
+    that has not advanced.
+    """
+
+    def place(scene: Scene) -> Simulator:
+        if scene.discretization != simulator.scene.discretization:
+            return Simulator(scene, end_poses, near=simulator)
+        return simulator.reconfigured(scene)
+
+    return place
+
+
 def _finer(original: Simulator, part: str, place: _Place) -> _Finer | None:
     """The finer run for a part of the error. None in time for explicit steps so short that their
     error is negligible.
@@ -424,12 +445,16 @@ def _space_order(scene: Scene) -> int:
     return 1 if _bent_off_knots(scene) else 2
 
 
-def advice(scene: Scene, method: str, step: float, order: int, error: DiscretizationError) -> str:
+def advice(
+    scene: Scene, method: str, step: float, order: int, error: DiscretizationError, needed: int = 0
+) -> str:
     """An estimated error that exceeds the target, and settings that would do, one line; else empty.
 
     Args:
         scene: as it was simulated. method, step: with this method and this step [s].
         order: of convergence in time.
+        needed: control points below which the error does not follow that order yet, since the cable
+            bends within a knot span (`Simulator.control_points_needed`); 0 if there are enough.
     """
     target = scene.accuracy.target
     if error.unknown:
@@ -440,10 +465,14 @@ def advice(scene: Scene, method: str, step: float, order: int, error: Discretiza
         return "the position error is too large to be estimated; shorten integrator.step"
     smaller = min(error.time, error.space)
     allowed = (target - smaller if smaller < SMALL * target else 0.5 * target) / _SPARE
-    cures = []
+    cures, finer = (
+        [],
+        (needed - bspline.DEGREE) / (scene.discretization.control_points - bspline.DEGREE),
+    )
     if error.space > allowed:
         uneven = _UNEVEN if _bent_off_knots(scene) else 1.0
-        finer = (uneven * error.space / allowed) ** (1.0 / _space_order(scene))
+        finer = max(finer, (uneven * error.space / allowed) ** (1.0 / _space_order(scene)))
+    if finer > 1.0:
         cures.append(_cure_in_space(scene, method, finer))
     if error.time > allowed:
         shorter = step / (error.time / allowed) ** (1.0 / order)
@@ -463,19 +492,13 @@ def _cure_in_space(scene: Scene, method: str, finer: float) -> str:
     """The change of the scene by which spans are so many times shorter."""
     choice = scene.discretization
     spans = (choice.control_points - bspline.DEGREE) * finer
-    number = math.ceil(spans) + bspline.DEGREE
+    number = math.ceil(spans - 1e-6) + bspline.DEGREE
     if number > MOST_CONTROL_POINTS:
         return (
             f"raise accuracy.target, since {number} control points would be needed and "
             f"{MOST_CONTROL_POINTS} are the most"
         )
-    cure = f"raise discretization.control_points to {number}"
-    samples = 2 * (number - bspline.DEGREE)
-    if choice.quadrature == "uniform" and choice.samples < samples:
-        cure += f" and discretization.samples to {samples}"
-    if scene.integrator.step and METHODS[method].family != IMPLICIT:
-        cure += " and set integrator.step to 0"  # a shorter one is stable
-    return cure
+    return raised(scene, number, METHODS[method].family == IMPLICIT)
 
 
 def _rounded_down(step: float) -> float:

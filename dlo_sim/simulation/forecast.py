@@ -45,7 +45,8 @@ class Forecast:
         obstacles: what `drawn_obstacles` says of them and of contact. They follow their
             motions, also those that have not begun, and rest at the end of the last one.
         warnings: `Simulator.warnings` at the end of it; among them whether the cable passed through
-            itself at one of the shapes.
+            itself at one of the shapes, or was bent at one too sharply for its knot spans.
+        control_points_needed: number that follows such bends; 0 if the present one does.
     """
 
     times: Array
@@ -57,6 +58,7 @@ class Forecast:
     report: Report
     obstacles: dict[str, Array] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    control_points_needed: int = 0
 
     @property
     def contact(self) -> dict[str, float]:

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, mass, spectrum
 from dlo_sim.core.constant_length import constraint_gram
-from dlo_sim.engine.arrays import CONTACT, MATERIAL, STATIC_TWIST, TORSION
+from dlo_sim.engine.arrays import MATERIAL, STATIC_TWIST, TORSION
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import inextensible
-from dlo_sim.simulation import obstacles
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import STIFFEST
 from dlo_sim.simulation.holding import stiffness_of_roll
@@ -69,8 +68,6 @@ def with_grasps_and_contact(scene: Scene, model: Model, frequency: float) -> flo
     for the kink in the contact force: in a hard landing, a step near the limit would gain 40 % of
     the energy, a quarter of that step 1 %.
     """
-    if model.has(CONTACT):
-        frequency = math.hypot(frequency, KINK * obstacles.largest_frequency(model))
     idle = [grasp for grasp in scene.grasps if not grasp.taken]
     if any(grasp.jaw for grasp in idle):
         bending = (STIFFEST - 1.0) * scene.cable.EI * mass.gram(model.knots, 2)

@@ -4,30 +4,47 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import io
+import json
 import math
 import os
-from functools import lru_cache
+import stat
+import zipfile
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 from urllib.parse import unquote, urlsplit
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.engine import distance_field
-from dlo_sim.scene.description import IN_MEMORY, IN_TEXT, Obstacle
+from dlo_sim.scene.description import IN_MEMORY, IN_TEXT, Obstacle, Scene
 from dlo_sim.scene.loading import SceneError
 
 Array = NDArray[np.float64]
-READ = "STL, OBJ, PLY, GLB or DAE"  # kinds of files that are tested; trimesh reads a few more
-MOST_TRIANGLES = 1_000_000
+KINDS = "stl", "obj", "ply", "glb", "dae"  # of files; trimesh reads others, archives among them
+READ = "STL, OBJ, PLY, GLB or DAE"
+MOST_TRIANGLES, MOST_BYTES = 1_000_000, 500_000_000  # of a file
 MOST_VALUES = 20_000_000  # of a field: 160 MB, and three times as much while it is made
+CHOSEN_VALUES = 1_000_000  # most where the cells are chosen: made in about a second
+FEWEST = 48  # cells along the longest side that are chosen
 SAME = 1e-6  # share of the extent below which two corners are one
 BORDER = 4  # cells of the grid around a mesh, beside the radius of the cable
+FINEST = 0.125  # of the radius of the cable: no cell is smaller
+CRUMB = 0.1  # of the diameter of the cable: a mesh below that is in the wrong unit
+TIME_OF_VALUE = 2e-6  # [s] to make a value of a field; 0.3e-6 to 1.3e-6 are measured
 _kept: dict[str, Array] = {}
+# Triangles and fields that somebody uses, and the last ones that were made.
+_used: WeakValueDictionary[tuple[object, ...], Any] = WeakValueDictionary()
+_last: deque[object] = deque(maxlen=16)
 
 
-class Field(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Field:
     """Signed distances from a mesh on a grid.
 
     Attributes:
@@ -43,6 +60,16 @@ class Field(NamedTuple):
     coefficients: Array
     off: float = 0.0
 
+    @property
+    def cell(self) -> float:
+        """Length of a cell [m]."""
+        return float(1.0 / self.numbers[distance_field.FINENESS])
+
+    def cells(self, size: float) -> int:
+        """Cells of this size [m] along the longest side of the mesh."""
+        low, high = self.numbers[distance_field.LOW :][:3], self.numbers[distance_field.HIGH :][:3]
+        return math.ceil(float((high - low).max()) / size - 1e-9)
+
     def distance(self, points: Array) -> Array:
         """Signed distances [m] of points (..., 3): between grid points linear, outside of the grid
         that from the box around the mesh.
@@ -53,11 +80,13 @@ class Field(NamedTuple):
         inside = np.all((place >= 1.0) & (place < most), axis=-1)
         place = np.clip(place, 0.0, most)
         first = place.astype(int)
-        share = place - first
+        share = np.moveaxis(place - first, -1, 0)
+        i, j, k = np.moveaxis(first, -1, 0)
+        (x, y, z), (u, v, w) = 1.0 - share, share
         found = np.zeros(points.shape[:-1])
-        for corner in np.ndindex(2, 2, 2):
-            weight = np.prod(np.where(corner, share, 1.0 - share), axis=-1)
-            found += weight * self.values[tuple(np.moveaxis(first + corner, -1, 0))]
+        for a, b, c in np.ndindex(2, 2, 2):
+            weight = (u if a else x) * (v if b else y) * (w if c else z)
+            found += weight * self.values[i + a, j + b, k + c]
         low, high = n[distance_field.LOW :][:3], n[distance_field.HIGH :][:3]
         box = np.linalg.norm(points - np.clip(points, low, high), axis=-1)
         return np.where(inside, found, box)
@@ -78,6 +107,16 @@ def keep_triangles(triangles: Array) -> str:
     return name
 
 
+def kept_of(scene: Scene) -> dict[str, Array]:
+    """The triangles that are kept for the obstacles of a scene, for `keep_also`."""
+    return {one.mesh: _kept[one.mesh] for one in scene.bodies if one.mesh in _kept}
+
+
+def keep_also(kept: dict[str, Array]) -> None:
+    """Keep what another process keeps, from `kept_of`."""
+    _kept.update(kept)
+
+
 def as_text(triangles: Array) -> str:
     """A mesh as the value of `Obstacle.mesh`, in any process; too long for a file of a scene.
 
@@ -87,11 +126,14 @@ def as_text(triangles: Array) -> str:
     Raises:
         ValueError: as `keep_triangles`.
     """
-    return IN_TEXT + base64.b64encode(_checked(triangles).tobytes()).decode("ascii")
+    given = _checked(triangles)
+    name = IN_TEXT + base64.b64encode(given.tobytes()).decode("ascii")
+    _once((name, 1.0), lambda: given)
+    return name
 
 
 def _checked(triangles: Array) -> Array:
-    given = np.ascontiguousarray(triangles, dtype=float)
+    given = np.array(triangles, dtype=float, order="C")
     if given.ndim != 3 or given.shape[1:] != (3, 3):
         raise ValueError(f"triangles: need shape (k, 3, 3), got {given.shape}")
     problem = problem_of(given)
@@ -101,27 +143,38 @@ def _checked(triangles: Array) -> Array:
 
 
 def field_of(obstacle: Obstacle, radius: float) -> Field:
-    """The field of a mesh that a cable of this radius [m] touches.
+    """The field of a mesh that a cable of this radius [m] touches. It is made again only if nobody
+    uses it any more.
 
     Raises:
-        SceneError: as `triangles_of`, or a mesh that is far smaller than the cable is thick.
+        SceneError: as `triangles_of`, or as `Grid`.
     """
-    triangles = triangles_of(obstacle)
+    triangles, cells = triangles_of(obstacle), obstacle.mesh_cells
     try:
-        return _made(triangles.tobytes(), obstacle.mesh_cells, radius)
+        return _once((*_source(obstacle), cells, radius), lambda: _made(triangles, cells, radius))
     except ValueError as error:
-        raise SceneError(f"obstacles.{obstacle.name}.mesh_cells: {error}") from None
+        raise SceneError(f"obstacles.{obstacle.name}.{error}") from None
+
+
+def time_to_make(obstacle: Obstacle, radius: float) -> float:
+    """Time [s] that is allowed for the field of a mesh, the same on every machine.
+
+    Raises:
+        SceneError: as `triangles_of`. ValueError: as `Grid`.
+    """
+    shape = Grid(triangles_of(obstacle), obstacle.mesh_cells, radius).shape
+    return TIME_OF_VALUE * math.prod(shape.tolist())
 
 
 def triangles_of(obstacle: Obstacle) -> Array:
     """The triangles of a mesh in its frame [m], shape (k, 3, 3).
 
     Raises:
-        SceneError: no file, none that trimesh reads, or not a closed mesh.
+        SceneError: no file, none that is read, or not a closed mesh.
     """
     key = f"obstacles.{obstacle.name}.mesh"
     try:
-        triangles = _kept[obstacle.mesh] if obstacle.mesh in _kept else _read(obstacle.mesh)
+        return _once(_source(obstacle), lambda: _read(obstacle.mesh) * obstacle.mesh_scale)
     except OSError as error:
         where = error.filename or obstacle.mesh
         raise SceneError(
@@ -129,25 +182,40 @@ def triangles_of(obstacle: Obstacle) -> Array:
             "relative to the scene's file"
         ) from None
     except ValueError as error:
-        raise SceneError(f"{key}: {obstacle.mesh}: {error}") from None
-    return triangles * obstacle.mesh_scale
+        raise SceneError(f"{key}: {obstacle.mesh:.255}: {error}") from None
+
+
+def _once(key: tuple[object, ...], make: Callable[[], Any]) -> Any:
+    """What is known under a key, made if nobody has it."""
+    found = _used.get(key)
+    if found is None:
+        found = _used[key] = make()
+        _last.append(found)
+    return found
+
+
+def _source(obstacle: Obstacle) -> tuple[object, ...]:
+    """Where the triangles of a mesh are from: a file as it was when it was changed."""
+    name, scale = obstacle.mesh, obstacle.mesh_scale
+    if name.startswith((IN_TEXT, IN_MEMORY)):
+        return name, scale
+    status = found_path(name).stat()
+    return name, scale, status.st_mtime_ns, status.st_size, status.st_ino
 
 
 def _read(name: str) -> Array:
-    """Triangles of a mesh file."""
-    if name.startswith(IN_TEXT):
-        return np.frombuffer(base64.b64decode(name.removeprefix(IN_TEXT))).reshape(-1, 3, 3)
+    """Triangles of a mesh, checked."""
+    if name in _kept:
+        return _kept[name]
     if name.startswith(IN_MEMORY):
         raise ValueError("these triangles are of another process; give them here again, or a file")
-    path = found_path(name)
-    stamp = path.stat()
-    return _file(path, stamp.st_mtime_ns, stamp.st_size)
-
-
-@lru_cache(maxsize=64)
-def _file(path: Path, changed: int, size: int) -> Array:
-    """Triangles of a file as it was when it was changed."""
-    triangles = read_file(path)
+    if name.startswith(IN_TEXT):
+        triangles = np.frombuffer(base64.b64decode(name.removeprefix(IN_TEXT), validate=True))
+        if triangles.size % 9:
+            raise ValueError("are no triangles; take dlo_sim.simulation.meshes.as_text")
+        triangles = triangles.reshape(-1, 3, 3)
+    else:
+        triangles = read_file(found_path(name))
     problem = problem_of(triangles)
     if problem:
         raise ValueError(problem)
@@ -169,21 +237,59 @@ def read_file(path: Path) -> Array:
             "mesh files need trimesh; pip install trimesh, or install dlo_sim with the extra 'mesh'"
         ) from None
     kind = path.suffix.lower().removeprefix(".")
-    if kind not in trimesh.available_formats():
+    if kind not in KINDS or kind not in trimesh.available_formats():
         collada = ", or pip install pycollada" if kind == "dae" else ""
         raise ValueError(f"a file '.{kind}' cannot be read here; convert it to {READ}{collada}")
-    beside = trimesh.resolvers.FilePathResolver(str(path))
-    with path.open("rb") as file:
-        try:  # `process` would merge corners that are close, and drop those that are not finite
-            scene = trimesh.load_scene(file, kind, beside, process=False, skip_materials=True)
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
+        raise ValueError("is no regular file, and may never end; give a file")
+    if status.st_size > MOST_BYTES:
+        raise ValueError(f"has {status.st_size} bytes; reduce it to {MOST_BYTES} or fewer")
+    content = _plain(path.read_bytes(), kind)
+    try:  # `process` would merge corners that are close, and drop those that are not finite
+        scene = trimesh.load_scene(io.BytesIO(content), kind, process=False, skip_materials=True)
+        bodies = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
+        count = sum(len(getattr(body, "faces", ())) for body in bodies)
+        if count <= MOST_TRIANGLES:
             triangles = np.array(scene.to_mesh().triangles, dtype=float)
-        except Exception as error:  # whatever the parser of this kind meets in a damaged file
-            problem = f"is no {kind.upper()} file, or a damaged one"
-            raise ValueError(f"{problem} ({error!r:.100}); export it again") from None
-    if len(triangles) > MOST_TRIANGLES:
-        raise ValueError(f"has {len(triangles)} triangles; reduce it to {MOST_TRIANGLES} or fewer")
+    except Exception as error:  # whatever the parser of this kind meets in a damaged file
+        problem = f"is no {kind.upper()} file, or a damaged one"
+        raise ValueError(f"{problem} ({error!r:.100}); export it again") from None
+    if count > MOST_TRIANGLES:
+        raise ValueError(f"has {count} triangles; reduce it to {MOST_TRIANGLES} or fewer")
     unit = scene.units
     return triangles if unit is None else triangles * trimesh.units.unit_conversion(unit, "m")
+
+
+def _plain(content: bytes, kind: str) -> bytes:
+    """The content of a mesh file; names and comments of one in text, in whatever encoding, without
+    letters beyond ASCII.
+
+    Raises:
+        ValueError: an archive, which pycollada would unpack, or data that are not in the file, for
+            which trimesh would make room, whatever their size.
+    """
+    if kind == "dae" and zipfile.is_zipfile(io.BytesIO(content)):
+        raise ValueError("is an archive; unpack it")
+    if kind == "glb" and not _holds_data(content):
+        raise ValueError("does not hold all its data; export it without compression")
+    text = kind == "obj" or kind == "ply" and b"format ascii" in content[:1000]
+    count = int.from_bytes(content[80:84], "little")
+    if kind == "stl" and content and len(content) != 84 + 50 * count:
+        text = content.lstrip()[:5].lower() == b"solid"
+        if not text:
+            said = f"it says {count} triangles, and has {len(content)} bytes"
+            raise ValueError(f"is no STL file, or a damaged one ({said}); export it again")
+    return content.decode("ascii", "replace").encode("ascii", "replace") if text else content
+
+
+def _holds_data(content: bytes) -> bool:
+    """Whether a GLB file that can be read holds what its accessors name."""
+    try:
+        tree = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])
+        return all("bufferView" in one for one in tree["accessors"])
+    except (ValueError, LookupError, TypeError):  # the parser of the whole file says what it is
+        return True
 
 
 def found_path(name: str) -> Path:
@@ -193,7 +299,7 @@ def found_path(name: str) -> Path:
     if name.startswith("file://"):
         return Path(unquote(urlsplit(name).path))
     if not name.startswith("package://"):
-        return Path(name).expanduser()
+        return Path(os.path.expanduser(name))  # unchanged if there is no such user
     package, _, inside = name.removeprefix("package://").partition("/")
     prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if p]
     for prefix in prefixes:
@@ -210,12 +316,15 @@ def problem_of(triangles: Array) -> str:
         return "has a corner that is not finite; export the body again"
     points = triangles.reshape(-1, 3)
     extent = float(np.ptp(points, axis=0).max())
-    if extent <= 0.0:
+    if SAME * extent < np.finfo(float).tiny:
         return "has no extent; export the body again"
-    _, number = np.unique(np.round(points / (SAME * extent)), axis=0, return_inverse=True)
-    ends = number.reshape(-1, 3)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    edges, uses = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
-    open_ = (uses % 2 == 1) & (edges[:, 0] != edges[:, 1])
+    # Corners, edges and faces as whole numbers, of which np.unique is fast.
+    place = np.rint((points - points.min(axis=0)) / (SAME * extent)).astype(np.int64)  # < 2^20
+    number = _numbered((place[:, 0] << 40) + (place[:, 1] << 20) + place[:, 2]).reshape(-1, 3)
+    count = len(points)
+    ends = np.sort(number[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    edges, uses = np.unique(ends[:, 0] * count + ends[:, 1], return_counts=True)
+    open_ = (uses % 2 == 1) & (edges // count != edges % count)
     if open_.any():
         return (
             f"is not closed: {int(open_.sum())} of {len(edges)} edges have triangles on one side "
@@ -223,9 +332,10 @@ def problem_of(triangles: Array) -> str:
         )
     if float(np.ptp(points, axis=0).min()) < SAME * extent:
         return "is flat; a sheet needs a thickness"
-    faces = np.sort(number.reshape(-1, 3), axis=1)
+    faces = np.sort(number, axis=1)
     faces = faces[(np.diff(faces, axis=1) > 0).all(axis=1)]
-    if 2 * len(np.unique(faces, axis=0)) <= len(faces):
+    sides = _numbered(faces[:, 0] * count + faces[:, 1])
+    if 2 * len(np.unique(sides * count + faces[:, 2])) <= len(faces):
         return (
             "has every triangle twice, as where both sides of faces are exported, so that nothing "
             "tells what is inside; remove one of each in the program that made it"
@@ -233,31 +343,72 @@ def problem_of(triangles: Array) -> str:
     return ""
 
 
-@lru_cache(maxsize=16)
-def _made(triangles: bytes, cells: int, radius: float) -> Field:
-    """The field of triangles, with this number of cells along the longest side.
+def chosen_cells(sides: Array, radius: float) -> int:
+    """Cells along the longest side of a mesh with these sides [m]: FEWEST, or as many as make them
+    no larger than the radius of the cable [m], as far as CHOSEN_VALUES values do for the grid.
+    """
+    longest = float(sides.max())
+    most = longest / FEWEST
+    size = min(radius, most) if radius else most
+    while size < most and math.prod(_shape(sides, size, radius).tolist()) > CHOSEN_VALUES:
+        size *= 1.05
+    return max(math.ceil(longest / size - 1e-9), FEWEST)
+
+
+def _shape(sides: Array, size: float, radius: float) -> NDArray[np.int64]:
+    """Points by axis of the grid around a mesh with these sides, of cells of this size [m]."""
+    border = BORDER + int(np.ceil(radius / size))
+    return np.asarray(np.ceil(sides / size).astype(int) + 1 + 2 * border)
+
+
+def _numbered(values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The number of each value among all different ones."""
+    return np.asarray(np.unique(values, return_inverse=True)[1])
+
+
+class Grid:
+    """The grid of a field around triangles (k, 3, 3) [m]: `cells` along the longest side of their
+    box, 0 = `chosen_cells`, but none smaller than FINEST of the radius [m] of the cable, for which
+    there is a border.
+
+    Attributes:
+        shape: number of points by axis. numbers: `distance_field.ORIGIN` to HIGH.
 
     Raises:
-        ValueError: it has more than MOST_VALUES values, as around a mesh in the wrong unit.
+        ValueError: a mesh far smaller than the cable is thick, as in the wrong unit, or more than
+            MOST_VALUES values; nothing was made.
     """
-    corners = np.frombuffer(triangles).reshape(-1, 3, 3).copy()
-    points = corners.reshape(-1, 3)
-    low, high = points.min(axis=0), points.max(axis=0)
-    size = float((high - low).max()) / cells
-    border = BORDER + int(np.ceil(radius / size))
-    shape = np.ceil((high - low) / size).astype(int) + 1 + 2 * border
-    if math.prod(shape.tolist()) > MOST_VALUES:
-        raise ValueError(
-            f"{cells} cells along a mesh of {size * cells:.3g} m, and as small ones around it for "
-            f"a cable {2.0 * radius:.3g} m thick, are too many; check mesh_scale, or give fewer"
-        )
-    origin = 0.5 * (low + high) - 0.5 * size * (shape - 1)
-    numbers = np.concatenate([origin, [1.0 / size], low, high])
-    values, *spare = (np.zeros(shape) for _ in range(3))
-    distance_field.make_field(corners.reshape(-1, 9), numbers, values, *spare)
+
+    def __init__(self, triangles: Array, cells: int, radius: float) -> None:
+        points = triangles.reshape(-1, 3)
+        low, high = points.min(axis=0), points.max(axis=0)
+        extent = float((high - low).max())
+        if extent < CRUMB * 2.0 * radius:
+            raise ValueError(
+                f"mesh_scale: a mesh of {extent:.3g} m is a crumb beside a cable "
+                f"{2.0 * radius:.3g} m thick; check the unit of its lengths, or leave it out"
+            )
+        cells = cells or chosen_cells(high - low, radius)
+        size = max(extent / cells, FINEST * radius)
+        self.shape = _shape(high - low, size, radius)
+        if math.prod(self.shape.tolist()) > MOST_VALUES:
+            raise ValueError(
+                f"mesh_cells: {cells} cells along a mesh of {extent:.3g} m, and as small ones "
+                f"around it for a cable {2.0 * radius:.3g} m thick, are too many; give fewer"
+            )
+        origin = 0.5 * (low + high) - 0.5 * size * (self.shape - 1)
+        self.numbers = np.concatenate([origin, [1.0 / size], low, high])
+
+
+def _made(triangles: Array, cells: int, radius: float) -> Field:
+    """The field of triangles on their `Grid`."""
+    grid = Grid(triangles, cells, radius)
+    corners = np.ascontiguousarray(triangles)
+    values, *spare = (np.zeros(grid.shape) for _ in range(3))
+    distance_field.make_field(corners.reshape(-1, 9), grid.numbers, values, *spare)
     _sign(values, spare[1])
-    field = Field(corners, values, numbers, _coefficients(values))
-    return field._replace(off=float(field.distance(corners.mean(axis=1)).max()))
+    field = Field(triangles, values, grid.numbers, _coefficients(values))
+    return replace(field, off=float(field.distance(corners.mean(axis=1)).max()))
 
 
 def _sign(distances: Array, crossings: Array) -> None:
@@ -273,13 +424,17 @@ def _sign(distances: Array, crossings: Array) -> None:
 
 
 def _coefficients(values: Array) -> Array:
-    """Of the tricubic B-spline through values, which ends linearly."""
-    found = values.copy()
-    for axis, n in enumerate(found.shape):
-        c, share = np.moveaxis(found, axis, 0), np.zeros(n)
-        for i in range(1, n - 1):  # c[i - 1] + 4 c[i] + c[i + 1] = 6 value
-            share[i] = 1.0 / (4.0 - share[i - 1])
-            c[i] = share[i] * (6.0 * c[i] - c[i - 1])
+    """Of the tricubic B-spline through values, which ends linearly: (c[i-1] + 4 c[i] + c[i+1]) / 6
+    = values[i] along each axis, by elimination, for which a library would take all processors.
+    """
+    c = values
+    for axis, n in enumerate(values.shape):
+        c = np.array(np.moveaxis(c, axis, 0), order="C")
+        shares = np.zeros(n)
+        for i in range(1, n - 1):
+            shares[i] = 1.0 / (4.0 - shares[i - 1])
+            c[i] = shares[i] * (6.0 * c[i] - c[i - 1])
         for i in range(n - 2, 0, -1):
-            c[i] -= share[i] * c[i + 1]
-    return found
+            c[i] -= shares[i] * c[i + 1]
+        c = np.moveaxis(c, 0, axis)
+    return np.ascontiguousarray(c)

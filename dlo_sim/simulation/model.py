@@ -14,6 +14,7 @@ from dlo_sim.engine.arrays import PLASTICITY, CableArrays, Inputs, State
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.simulation.arrays import without_margins
 from dlo_sim.simulation.holding import Holding
+from dlo_sim.simulation.meshes import Field
 
 Array = NDArray[np.float64]
 
@@ -34,7 +35,8 @@ class Model:
             (3,).
         origin: of the cable's coordinates in the world [m], shape (3,) (`geometry.origin_of`). All
             positions in the arrays are relative to it.
-        obstacles: their places in the scene, as motions, shape (MOTION_SIZE,).
+        obstacles: their places in the scene, as motions, shape (MOTION_SIZE,). fields: of those
+            that are meshes, which are kept while a model needs them.
     """
 
     arrays: CableArrays
@@ -49,6 +51,11 @@ class Model:
     rest: Array
     origin: Array
     obstacles: dict[Obstacle, Array]
+    fields: tuple[Field, ...]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the fields, which another process makes if it needs more than the arrays hold."""
+        return self.__dict__ | {"fields": ()}
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Model:
         """Copies of a cable share the constants."""

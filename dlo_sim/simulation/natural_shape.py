@@ -84,7 +84,7 @@ class NaturalShape:
         return np.append(0.0, self._cable.model.sample_shares.ravel() * self._scene.cable.length)
 
     def lay(self, orientation: Array, frames: Array) -> None:
-        """Lay it along the present shape, with plastic flow as if bent in one motion.
+        """Lay it along the present shape, without plastic flow yet.
 
         Args:
             orientation: of the start's end effector. frames: at `places`, quaternions (m, 4).
@@ -99,7 +99,6 @@ class NaturalShape:
         if model.has(PLASTICITY):
             tangents = rotations.rotate(samples.reshape(-1, 4), np.array([1.0, 0.0, 0.0]))
             cable.plastic = unslipped(model, rows, tangents.reshape(*rows.shape[:2], 3))
-            cable.flow()
         cable.open_frame()
 
     def equals(self, other: NaturalShape) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from enum import StrEnum
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -11,59 +12,60 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.compiling.lanes import LANES
-from dlo_sim.core import bspline, mass, quadrature, rotations, spectrum
+from dlo_sim.core import bspline, mass, quadrature, rotations
 from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.core.strain import strain
 from dlo_sim.engine import contact
 from dlo_sim.engine.arrays import (
     BOXED,
     MARGIN,
     MESHED,
     MOTION_SIZE,
-    ROLLING,
     ROUND,
     TUBED,
     CableArrays,
 )
 from dlo_sim.engine.arrays import Contact as ContactArrays
 from dlo_sim.engine.grasps import DURATION, FRAME, POSITION, START, TURN
-from dlo_sim.scene.description import EARTH, LOSSY, Obstacle, Scene
-from dlo_sim.scene.needs import inextensible
+from dlo_sim.scene.description import EARTH, Obstacle, Scene
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.arrays import COARSE, to_blocks
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.meshes import field_of, triangles_of
-from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.meshes import Field, field_of, triangles_of
 
 Array = NDArray[np.float64]
+Pressure = tuple[Array, Array]
+"""Places on the cable as shares of its length, rising, and force per length there [N/m]; linear
+between them."""
+UNTOUCHED: Pressure = np.zeros(1), np.zeros(1)
+ROUNDED = 1e-9  # diameters by which an obstacle yields that are round-off
 PLANE_SAMPLES = 2  # of a knot span, that planes touch
 STRETCHED = 1.1  # lengths that a cable reaches
 PLACES = 101  # of the cable that are checked for being inside obstacles
-MOST_PIECES = 4  # groups of LANES samples of a knot span, that bodies touch
+MOST_PIECES, MOST_IN_GUIDES = 4, 8  # groups of LANES samples of a knot span, that bodies touch
 ACROSS, AROUND = 14, 24  # points of a drawn ring, across its wire and around it
 PASSES, BISECTIONS = 8, 30  # looks at a knot span for a passage, and at a passage
-APART = 1.0  # distance of samples in reaches of the smallest obstacle
-# Penetration by the weight of the whole cable hung over an obstacle, in diameters. Planes, on
-# which only its own weight lies, have `description.DEPTH`.
-HUNG_DEPTH = 0.01
+# Distance of samples in reaches of the smallest obstacle. A stiff cable that is drawn through a
+# guide touches only a few, between which its tension ripples: by 36 % with 1.0, by 5 % with 0.25.
+APART, APART_IN_GUIDES = 1.0, 0.25
+DEPTH = 1e-3  # penetration of a cable into an obstacle under its weight on earth, in diameters
+PULLED_DEPTH = 0.02  # of a cable that is drawn round an obstacle
+TIP = 40.0  # stiffness of contact at the tip, in that of the cable along itself
+USUAL = 0.2, 50.0, 2e-3  # tension as usual: largest strain, force [N], least strain
 # Penetration by the mass on a body alone of a cable thrown at inputs.max_speed, in half the
 # thickness of the body. What flies on beside a small body pulls it in more than twice as deep.
 THROWN_DEPTH = 0.2
 TAUT = 1e-3  # strain of what is pulled as usual
+OFF = 0.5  # of the radius of the cable: error of a mesh's field that is said
 TOO_DEEP = 0.1  # penetration in diameters above which a warning reports it
 # Of half the thickness of a body: so deep is near its middle. Samples a reach apart can cross a
 # thin body no deeper than half of it.
 MIDDLE = 0.6
-DAMPED = 0.3  # share of critical damping of contact, if the scene gives none
-# Bristles as stiff as the surface: a sliding cable is bent aside by mu times its penetration. Their
-# damping, in sqrt(k_t mu): with less, a cable that is pulled suddenly slips before it sticks.
-BRISTLES, BRISTLE_DAMPED = 1.0, 8.0
+BRISTLES = 0.1  # stiffness of bristles, in that of the surface
 
 
 GUIDES = "ring", "channel"  # shapes that a cable goes through
 EDGED = "box", "mesh"  # shapes with edges
-# Turns of a cable within a knot span [rad], round an edge and something round, beyond which a
-# warning says so; and that of the spans it asks for.
-EDGE_TURN, ROUND_TURN, SMALL_TURN = 1.0, 1.5, 0.5
 
 CANCELLED = 1e-9  # sum of forces, as a share of the sum of their sizes, that is round-off
 ITSELF = "itself"  # the name of the cable among what it touches
@@ -162,7 +164,7 @@ def gaps(obstacle: Obstacle, diameter: float, points: Array) -> Array:
     """Gaps [m] between an obstacle at its place in the scene and a cable at points (..., 3)."""
     kind, half, reach = core_of(obstacle, 0.5 * diameter)
     turn = rotations.to_matrix(rotations.normalized(np.array(obstacle.orientation)))
-    y = (points - np.array(obstacle.position)) @ turn
+    y = np.einsum("...i,ij->...j", points - np.array(obstacle.position), turn)
     if kind == contact.HALF_SPACE:
         return np.asarray(y[..., 2] - reach)
     if kind == contact.MESH:
@@ -177,37 +179,64 @@ def gaps(obstacle: Obstacle, diameter: float, points: Array) -> Array:
 
 
 def check_outside(obstacle: Obstacle, diameter: float, u: Array, line: Array) -> None:
-    """Refuse a cable that begins deeper in an obstacle than it is thick: it would be flung out.
+    """Refuse a cable that is `inside` an obstacle.
+
+    Raises:
+        SceneError: it is; in one line.
+    """
+    found = inside(obstacle, diameter, u, line)
+    if found:
+        raise SceneError(f"{found}; move the obstacle or the cable's ends")
+
+
+def inside(obstacle: Obstacle, diameter: float, u: Array, line: Array) -> str:
+    """One line if a cable begins deeper in an obstacle than it is thick, so that it would be flung
+    out; else empty.
 
     Args:
         line: points [m] of the cable at the material coordinates u [m], shape (len(u), 3).
-
-    Raises:
-        SceneError: it does; in one line.
     """
     depth = -gaps(obstacle, diameter, line) - 0.5 * diameter
     worst = int(np.argmax(depth))
-    if depth[worst] > diameter:
-        raise SceneError(
-            f"obstacles.{obstacle.name}.position: the cable begins {depth[worst]:.3g} m inside it, "
-            f"at {u[worst]:.3g} m; move the obstacle or the cable's ends"
-        )
+    if depth[worst] <= diameter:
+        return ""
+    return (
+        f"obstacles.{obstacle.name}.position: the cable begins {depth[worst]:.3g} m inside it, "
+        f"at {u[worst]:.3g} m"
+    )
 
 
 def stiffness(scene: Scene, obstacle: Obstacle) -> float:
-    """Contact force per length of cable and penetration [N/m^2]: as given, or such that neither its
-    weight nor the tension that follows from the scene presses the cable in far, over an edge as
-    sharp as it is thick, and a throw does not press it through.
+    """Contact force per length of cable and penetration [N/m^2]: as given, or the largest of
+    mu g / (DEPTH D): its weight on earth presses the cable in by DEPTH diameters;
+    T / (R PULLED_DEPTH D): the tension T that follows from the scene or is usual does so by
+        PULLED_DEPTH diameters, round an edge or a body with the radius R;
+    TIP EA / (L w): the tip, of which the samples at the end have the length w, gives way by
+        1 / TIP of what the cable gives way along itself;
+    mu (v / (THROWN_DEPTH h))^2: a cable thrown at v = inputs.max_speed is not pressed through a
+        body of half thickness h.
     """
-    plane = scene.contact_stiffness
-    if scene.contact.stiffness or obstacle.shape == "plane":
-        return plane
-    cable = scene.cable
-    _, half, reach = core_of(obstacle, 0.5 * cable.diameter)
-    pulled = max(cable.mu * EARTH * cable.length, declared_tension(scene))
-    hung = pulled / (0.5 * cable.diameter * HUNG_DEPTH * cable.diameter)
+    cable, radius = scene.cable, 0.5 * scene.cable.diameter
+    if scene.contact.stiffness:
+        return scene.contact.stiffness
+    spans = scene.discretization.control_points - bspline.DEGREE
+    apart = cable.length / spans / (LANES * pieces_of(scene))
+    laid = cable.mu * EARTH / (DEPTH * cable.diameter)
+    pushed = TIP * cable.EA / (cable.length * (0.5 * apart + radius))
+    if obstacle.shape == "plane":
+        return max(laid, pushed)
+    _, half, reach = core_of(obstacle, radius)
+    pulled = max(cable.mu * EARTH * cable.length, declared_tension(scene), usual_tension(scene))
+    bend = max(bend_radius(scene, obstacle), cable.diameter)
+    drawn = pulled / (bend * PULLED_DEPTH * cable.diameter)
     thrown = cable.mu * (scene.inputs.max_speed / (THROWN_DEPTH * (min(half) + reach))) ** 2
-    return max(plane, hung, thrown)
+    return max(laid, pushed, drawn, thrown)
+
+
+def usual_tension(scene: Scene) -> float:
+    """Tension [N] with which grippers draw a cable as usual, for which contact is stiff enough."""
+    most, force, least = USUAL
+    return min(most * scene.cable.EA, max(force, least * scene.cable.EA))
 
 
 def declared_tension(scene: Scene) -> float:
@@ -221,27 +250,11 @@ def declared_tension(scene: Scene) -> float:
     return float(pulls + scene.cable.EA * stretch)
 
 
-def rests_damped(scene: Scene) -> bool:
-    """Whether the method of the scene can dissipate in contact (`description.RESTRICTIONS`)."""
-    return not inextensible(scene) and scene.integrator.method in ("auto", *LOSSY)
-
-
 def law(scene: Scene, k: float, friction: float) -> tuple[float, ...]:
-    """The law of contact (`engine.contact`) with this stiffness k [N/m^2] and friction: k, c, k_t,
-    c_t and mu.
+    """The law of contact (`engine.contact`) with this stiffness k [N/m^2] and friction: k, k_t and
+    mu.
     """
-    mu = scene.cable.mu
-    share = scene.contact.damping
-    if share < 0.0:
-        share = DAMPED if rests_damped(scene) else 0.0
-    tangential = BRISTLES * k
-    return (
-        k,
-        2.0 * share * math.sqrt(k * mu),
-        tangential,
-        BRISTLE_DAMPED * math.sqrt(tangential * mu),
-        friction,
-    )
+    return k, BRISTLES * k, friction
 
 
 def at_rest(scene: Scene, origin: Array) -> Array:
@@ -336,22 +349,15 @@ def contact_with(
         number: of the obstacle. pose: position [m] and quaternion of it, world frame, needed of
             rings and channels (GUIDES). tension: [N] at material coordinates [m]; None = not known.
     """
-    model, group = cable.model, cable.arrays.contact
-    rows = np.zeros((len(group.first), 4 * LANES))
-    cable.call(contact.report, number, rows)
-    coarse, fine = by_span(rows.reshape(-1, LANES, 4), group.coarse, model.n - bspline.DEGREE)
-    flat = group.core[number] == contact.HALF_SPACE
-    samples = coarse if flat else fine
-    rule = rule_of(tuple(model.knots.tolist()), 0 if flat else group.pieces)
-    there = rule.weights != 0.0
-    found, u = samples[there], rule.places(bspline.breaks(model.knots))[there]
+    model = cable.model
+    u, weights, found = _samples(cable, number)
     touches = np.any(found[:, 1:] != 0.0, axis=1)
     forces = np.zeros((int(touches.sum()), 3))
     forces[:, list(model.axes)] = found[touches, 1 : 1 + len(model.axes)]
     points = np.zeros((0, 3))
     if len(forces):
         points = bspline.evaluate(cable.points[:, :3], model.knots, u[touches]) + model.origin
-    sizes = np.linalg.norm(forces, axis=1) / rule.weights[there][touches]
+    sizes = np.linalg.norm(forces, axis=1) / weights[touches]
     return Contact(
         clearance=float(found[:, 0].min()),
         force=forces.sum(axis=0),
@@ -360,11 +366,66 @@ def contact_with(
         points=points,
         forces=forces,
         passes=passes(cable, obstacle, pose) if pose else np.zeros(0),
-        tensions=_tensions(model.knots, u[touches], tension),
+        tensions=tensions_beside(model.knots, u[touches], tension),
     )
 
 
-def _tensions(knots: Array, u: Array, tension: Callable[[Array], Array] | None) -> Array:
+def _samples(cable: Cable, number: int) -> tuple[Array, Array, Array]:
+    """Material coordinates [m], rising, and weights [m] of the samples that may touch an obstacle,
+    and their gaps [m] and forces (`engine.contact.report`), shape (k, 4).
+    """
+    model, group = cable.model, cable.arrays.contact
+    rows = np.zeros((len(group.first), 4 * LANES))
+    cable.call(contact.report, number, rows)
+    coarse, fine = by_span(rows.reshape(-1, LANES, 4), group.coarse, model.n - bspline.DEGREE)
+    flat = group.core[number] == contact.HALF_SPACE
+    rule = rule_of(tuple(model.knots.tolist()), 0 if flat else group.pieces, group.radius)
+    there = rule.weights != 0.0
+    u = rule.places(bspline.breaks(model.knots))[there]
+    return u, rule.weights[there], (coarse if flat else fine)[there]
+
+
+def pressure_by(cable: Cable, number: int) -> Pressure:
+    """Pressure of an obstacle on the cable at rest in the present configuration."""
+    u, _, rows = _samples(cable, number)
+    depth = np.maximum(-rows[:, 0] - cable.arrays.state.yielded[number, 1], 0.0)
+    stiff = cable.arrays.contact.law[number, contact.STIFFNESS]
+    return u / cable.model.knots[-1], stiff * depth
+
+
+def give_way(cable: Cable, number: int, kept: Pressure, let_be: float = 0.0) -> float:
+    """Let an obstacle yield until it presses no place of the cable more than `kept`, so that what
+    has changed stores no energy that would fling the cable out; returns by how much more [m].
+
+    Args:
+        let_be: pressure [N/m] up to which it does not yield, if the cable is SHALLOW inside.
+    """
+    u, _, rows = _samples(cable, number)
+    group = cable.arrays.contact
+    stiff, thick = group.law[number, contact.STIFFNESS], group.least_margin
+    depth = -rows[:, 0] - np.interp(u / cable.model.knots[-1], *kept) / stiff
+    most = float(depth.max())
+    least = max(min(let_be / stiff, contact.SHALLOW * thick), ROUNDED * thick)
+    yielded = most if most > least else 0.0
+    before = float(cable.arrays.state.yielded[number, 1])
+    cable.arrays.state.yielded[number] = yielded, yielded, -rows[:, 0].min()
+    return yielded - before
+
+
+def tension_along(scene: Scene, cable: Cable) -> Callable[[Array], Array] | None:
+    """Tension [N] of a cable by material coordinates [m], linear between the middles of its knot
+    spans; None if its shape does not determine it.
+    """
+    if scene.without_tension:
+        return None
+    ends = bspline.breaks(cable.model.knots)
+    middles = 0.5 * (ends[1:] + ends[:-1])
+    shape, stiff = strain(cable.model.knots, middles), scene.cable
+    values = shape.tension(cable.points[:, :3], stiff.EA, stiff.EI)
+    return lambda u: np.interp(u, middles, values)
+
+
+def tensions_beside(knots: Array, u: Array, tension: Callable[[Array], Array] | None) -> Array:
     """`Contact.tensions` for samples at u that touch."""
     if tension is None or not len(u):
         return np.zeros(0)
@@ -414,32 +475,50 @@ def thin_warning(scene: Scene) -> str:
 
 
 def mesh_warning(scene: Scene) -> str:
-    """One line if the cable may sink into a mesh, or go through it, where its field is too coarse,
-    else empty.
+    """One line if the cable may sink into a mesh, or go through it, where its field is too coarse
+    for walls or openings, else empty.
     """
     radius = 0.5 * scene.cable.diameter
     for obstacle in scene.bodies if scene.touches else ():
-        if obstacle.shape == "mesh" and (off := field_of(obstacle, radius).off) > radius:
+        if obstacle.shape != "mesh":
+            continue
+        field = field_of(obstacle, radius)
+        if field.off > OFF * radius:
+            cure = f"raise it to {field.cells(radius)}" if field.cell > radius else "raise it"
             return (
-                f"obstacles.{obstacle.name}.mesh_cells: {obstacle.mesh_cells} are too few for its "
-                f"thinnest walls, which the cable may sink into by {off:.3g} m or go through; "
-                "raise it, or split the mesh, or take boxes"
+                f"obstacles.{obstacle.name}.mesh_cells: {field.cells(field.cell)} are too few for "
+                "its thinnest walls and narrowest openings, where the cable may sink in by "
+                f"{field.off:.3g} m or go through; {cure}, or split the mesh, or take boxes"
             )
     return ""
 
 
-def overlap_warning(name: str, jumped: bool, count: int, depth: float) -> str:
-    """One line about an obstacle that jumped into the cable, or in which the cable began."""
-    times = "once" if count == 1 else f"{count} times"
-    what = f"jumped into the cable {times}, by {depth:.3g} m at most"
-    cure = "move it by a motion or small steps"
-    if not jumped:
-        what = f"the cable began {depth:.3g} m inside it"
-        cure = "move it, or the cable's ends"
-    return (
-        f"obstacles.{name}: {what}; it yields and pushes the cable out at {contact.RETURN:g} m/s: "
-        f"{cure}"
+class Overlap(StrEnum):
+    """How an obstacle came into the cable; the value is the warning that says so."""
+
+    BEGAN = "the cable began {depth:.3g} m inside it; {yields}: move it, or the cable's ends"
+    JUMPED = (
+        "jumped into the cable {times}, by {depth:.3g} m at most; {yields}: move it by a motion or "
+        "small steps"
     )
+    CHANGED = (
+        "changed parameters pressed the cable into it {times}, by {depth:.3g} m at most; {yields}: "
+        "change them in small steps"
+    )
+
+    @property
+    def notable(self) -> float:
+        """Depth in diameters above which the warning is given: a cable may begin with its axis on
+        a surface.
+        """
+        return 0.5 if self is Overlap.BEGAN else contact.SHALLOW
+
+
+def overlap_warning(name: str, how: Overlap, count: int, depth: float) -> str:
+    """One line about an obstacle that came into the cable."""
+    times = "once" if count == 1 else f"{count} times"
+    yields = f"it yields and pushes the cable out at {contact.RETURN:g} m/s"
+    return f"obstacles.{name}: " + how.format(times=times, depth=depth, yields=yields)
 
 
 def depth_warning(scene: Scene, count: float) -> str:
@@ -453,37 +532,19 @@ def depth_warning(scene: Scene, count: float) -> str:
     )
 
 
-def press_warning(name: str, found: Contact, scene: Scene) -> str:
-    """One line if the cable is deep in an obstacle that presses it, else empty."""
-    share = -found.clearance / scene.cable.diameter
+def press_warning(name: str, found: Contact, scene: Scene, finer: str) -> str:
+    """One line if the cable is deep in an obstacle that presses it, else empty. finer: what gives
+    the control points that are needed as well; empty if there are enough.
+    """
+    diameter = scene.cable.diameter
+    share = -found.clearance / diameter
     if share <= TOO_DEEP or not len(found.u):
         return ""
+    cure = f"raise contact.stiffness to {found.pressure / (0.5 * TOO_DEEP * diameter):.2g}"
+    cure = f"{cure} and {finer}" if finer else cure
     return (
         f"obstacles.{name}: the cable is pressed {-found.clearance:.3g} m into it, {share:.0%} of "
-        "its diameter; give it room, or raise contact.stiffness"
-    )
-
-
-def bend_warning(obstacle: Obstacle, found: Contact, model: Model, points: Array) -> str:
-    """One line if the cable, of control points (n, 4), bends round an obstacle that it touches
-    within a knot span, else empty.
-    """
-    if not len(found.u) or not found.total:
-        return ""
-    bends, slopes = (bspline.evaluate(points[:, :3], model.knots, found.u, k) for k in (2, 1))
-    pushed = found.forces / np.maximum(np.linalg.norm(found.forces, axis=1), contact.TINY)[:, None]
-    curvature = -np.sum(bends * pushed, axis=1) / np.sum(slopes**2, axis=1)
-    breaks = bspline.breaks(model.knots)
-    last = np.clip(np.searchsorted(breaks, found.u), 1, len(breaks) - 1)
-    turns = curvature * (breaks[last] - breaks[last - 1])
-    worst = int(np.argmax(turns))
-    if turns[worst] <= (EDGE_TURN if obstacle.shape in EDGED else ROUND_TURN):
-        return ""
-    needed = math.ceil((len(breaks) - 1) * turns[worst] / SMALL_TURN) + bspline.DEGREE
-    return (
-        f"obstacles.{obstacle.name}: the cable bends round it by {turns[worst]:.2g} rad in a knot "
-        f"span at {found.u[worst]:.3g} m, so forces there may be some 10 % off or more; raise "
-        f"discretization.control_points to {needed}"
+        f"its diameter; give it room, or {cure}"
     )
 
 
@@ -523,13 +584,16 @@ def pieces_of(scene: Scene) -> int:
     if not scene.bodies:
         return 0
     span = scene.cable.length / (scene.discretization.control_points - bspline.DEGREE)
-    reaches = [
-        core_of(obstacle, 0.5 * scene.cable.diameter).reach
-        for obstacle in scene.bodies
-        if obstacle.shape != "plane"
-    ]
-    wanted = span / (APART * LANES * min(reaches)) if reaches else 0.0
-    return min(max(math.ceil(wanted), 1), MOST_PIECES)
+    wanted = 1
+    for obstacle in scene.bodies:
+        if obstacle.shape == "plane":
+            continue
+        apart, most = APART, MOST_PIECES
+        if obstacle.shape in GUIDES:
+            apart, most = APART_IN_GUIDES, MOST_IN_GUIDES
+        reach = core_of(obstacle, 0.5 * scene.cable.diameter).reach
+        wanted = max(wanted, min(math.ceil(span / (apart * LANES * reach)), most))
+    return wanted
 
 
 def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
@@ -538,11 +602,10 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
     group.count = len(group.core)
     group.pieces, group.coarse = pieces_of(scene), COARSE * arrays.blocks
     group.still[:] = still
-    group.density, group.least_margin = scene.cable.mu, scene.cable.diameter
+    group.density, group.restitution = scene.cable.mu, scene.contact.restitution
+    group.least_margin = scene.cable.diameter
     group.radius = radius
-    if arrays.terms & ROLLING:  # a sample off the axis is easier to move
-        group.density /= 1.0 + scene.cable.mu * radius**2 / scene.cable.polar_inertia
-    write_samples(group, *samples_by_span(knots, group.pieces))
+    write_samples(group, *samples_by_span(knots, group.pieces, radius))
     for k, obstacle in enumerate(scene.bodies[: group.count]):
         core = core_of(obstacle, radius)
         flat = core.kind == contact.HALF_SPACE
@@ -564,34 +627,25 @@ def _fill_field(obstacle: Obstacle, radius: float, group: ContactArrays, number:
     group.field_values[first : first + field.values.size] = field.coefficients.ravel()
 
 
-def field_values(scene: Scene) -> int:
-    """How many numbers the fields of all meshes have."""
+def fields_of(scene: Scene) -> tuple[Field, ...]:
+    """The fields of all meshes."""
     radius = 0.5 * scene.cable.diameter
-    meshes = [obstacle for obstacle in scene.bodies if obstacle.shape == "mesh"]
-    return sum(field_of(obstacle, radius).values.size for obstacle in meshes)
-
-
-def largest_frequency(model: Model) -> float:
-    """Largest frequency [rad/s] of the mass of the cable on its samples, if all of it touched and
-    nothing else held it: sqrt(k / mu), and more at the ends, where a sample is more than its share
-    of an integral.
-    """
-    group, free = model.arrays.contact, np.ones(model.n, dtype=bool)
-    largest = 0.0
-    for core, law in zip(group.core, group.law, strict=True):
-        flat = core == contact.HALF_SPACE
-        rule = rule_of(tuple(model.knots.tolist()), 0 if flat else group.pieces)
-        pressed = law[contact.STIFFNESS] * mass.gram(model.knots, rule=rule)
-        largest = max(largest, spectrum.largest_of_line(pressed, model.mass(0), free))
-    return largest
+    return tuple(
+        field_of(obstacle, radius) for obstacle in scene.bodies if obstacle.shape == "mesh"
+    )
 
 
 @lru_cache(maxsize=16)
-def rule_of(knots: tuple[float, ...], pieces: int) -> quadrature.Quadrature:
-    """`plane_rule` if there are no pieces, else `body_rule`; kept, as a report needs it for each
-    obstacle, and a search for weights takes a tenth of a millisecond.
+def rule_of(knots: tuple[float, ...], pieces: int, radius: float) -> quadrature.Quadrature:
+    """`plane_rule` if there are no pieces, else `body_rule`, with the round tips of a cable of this
+    radius [m], which reach so far beyond its ends; kept, as a report needs it for each obstacle,
+    and a search for weights takes a tenth of a millisecond.
     """
-    return body_rule(np.array(knots), pieces) if pieces else plane_rule(np.array(knots))
+    rule = body_rule(np.array(knots), pieces) if pieces else plane_rule(np.array(knots))
+    weights = rule.weights.copy()
+    for tip in (0, -1):
+        weights.flat[tip] += radius
+    return quadrature.Quadrature(rule.xi, weights)
 
 
 def plane_rule(knots: Array) -> quadrature.Quadrature:
@@ -638,11 +692,11 @@ def trapezoidal(knots: Array, xi: Array, there: NDArray[np.bool_]) -> quadrature
     return quadrature.Quadrature(xi, weights)
 
 
-def samples_by_span(knots: Array, pieces: int) -> tuple[Array, Array]:
+def samples_by_span(knots: Array, pieces: int, radius: float) -> tuple[Array, Array]:
     """Basis functions, weights, and derivatives of the basis functions by the local coordinate,
     shape (spans, samples, 9), of samples that touch planes, and of those that touch bodies.
     """
-    rules = (rule_of(tuple(knots.tolist()), count) for count in (0, pieces))
+    rules = (rule_of(tuple(knots.tolist()), count, radius) for count in (0, pieces))
     coarse, fine = (
         np.concatenate(
             [

@@ -172,6 +172,7 @@ def record_simulator(
     count, control_points = recorder.count, recorder.control_points
     shapes = recorder.along(scene)
     error = simulator.energy_error
+    drawn = drawn_obstacles(simulator.scene, simulator.cable, recorder, simulator.keep_bends)
     return Recording(
         time=recorder.times[:count],
         control_points=control_points,
@@ -200,7 +201,7 @@ def record_simulator(
         active_terms=simulator.active_terms,
         left_out=simulator.left_out,
         notes=simulator.notes + counts.notes,
-        obstacles=drawn_obstacles(simulator.scene, simulator.cable, recorder),
+        obstacles=drawn,
         contacts={
             name: {
                 "clearance": one.clearance,

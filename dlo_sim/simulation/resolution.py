@@ -11,9 +11,18 @@ with the natural curvature kappa and r the smaller of
   loop that grippers force a stiff cable into.
 
 An obstacle within reach bends the cable to its radius with the cable's, at an edge of a box or a
-mesh to that of the cable alone; or to lambda if that is larger. Spans are at most ROUND times that:
-the friction of half a turn round a cylinder is then right to 1.5 % (coefficients up to 1). Edges
-alone do not ask for more than MOST_FOR_EDGES control points.
+mesh to that of the cable alone, and another strand of the cable to its diameter; or to lambda if
+that is larger. Spans are at most ROUND times that, but IN_CHANNEL times lambda in a channel, which
+holds the direction as a clamp does: the friction of half a turn round a cylinder is then right to
+1.5 % (coefficients up to 1), and the tensions on both sides of a guide without friction are equal
+to 2 to 5 %. Edges alone do not ask for more than MOST_FOR_EDGES control points.
+
+A cable that is held at two places can be pulled taut through a ring, a channel or a knot: lambda is
+there that of the strain obstacles.TAUT, if the tension known from the scene is smaller. How hard
+grippers pull it round other obstacles is not known before the run. Where a cable is found to bend
+by more than SHARP within a span that is TOO_LONG times what the tension found there asks for,
+`shortfalls` tells how many control points are enough. Spans that are too long exaggerate the
+tension, so that a run with this number asks for no more.
 
 Errors of the position [m] found with knot spans of length h:
 
@@ -21,24 +30,40 @@ Errors of the position [m] found with knot spans of length h:
 - elsewhere MIDDLE * l (h / l)^4.
 
 The constants are from the cables of test/simulation/everyday_motions.py, whose errors they exceed 2
-to 10 times. What depends on the motion (waves, tension by acceleration or by grippers that pull) is
-not in them: the error estimate tells.
+to 10 times. What depends on the motion (waves, tension by acceleration) is not in them: the error
+estimate tells.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
-from dlo_sim.scene.description import Scene
-from dlo_sim.simulation.obstacles import EDGED, bend_radius, beyond_reach
+from dlo_sim.engine.contact import TINY
+from dlo_sim.scene.description import PARAMETERS, Obstacle, Scene
+from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.obstacles import (
+    EDGED,
+    GUIDES,
+    ITSELF,
+    TAUT,
+    Contact,
+    bend_radius,
+    beyond_reach,
+)
 from dlo_sim.simulation.selection import is_implicit
 
+Array = NDArray[np.float64]
+
 CLAMP, MIDDLE = 0.05, 0.05  # of the errors above
-ROUND = 0.8
+# Lengths of spans per radius of a bend, or per lambda; and per lambda in a channel.
+ROUND, IN_CHANNEL = 0.8, 0.4
 TURN = 0.5 * np.pi  # [rad] between a clamp and the pull
 LONGEST = 1.5  # spans per length are not longer than this, whatever the target
 # Lengths of a cable per radius of its sharpest bend: that of a ring, and that of the S or the loop
@@ -47,6 +72,10 @@ RADIUS = {False: 6.0, True: 12.0}
 REACH = 2.8  # lambda over which the density of knots decays; by the errors of ten cables
 MOST_FOR_EDGES = 60  # control points, as most cables lie on flat sides
 FEWEST, MOST = 9, 250  # control points that are chosen; with 250, steps still keep up
+SHARP, TOO_LONG = 0.8, 1.25  # [rad] and spans wanted, above which `shortfalls` reports a bend
+MOST_CONTROL_POINTS = next(
+    int(row.high or 0) for row in PARAMETERS if row.key == "discretization.control_points"
+)
 
 
 @dataclass(frozen=True)
@@ -54,8 +83,8 @@ class _Spans:
     """Lengths of knot spans [m] that keep the error below accuracy.target.
 
     bend: beside clamps and other things that bend the cable sharply; infinite without any. middle:
-    elsewhere. reach: length beside a clamp over which one becomes the other. round_: name of the
-    obstacle that decides `middle`, or empty.
+    elsewhere. reach: length beside a clamp over which one becomes the other. round_: what the cable
+    bends round that decides `middle`, or empty.
     """
 
     bend: float
@@ -133,7 +162,8 @@ def _wanted_spans(scene: Scene) -> _Spans:
     bend = math.inf if bending else 0.0
     if tension:
         bend = math.sqrt(bending / tension)
-    middle, around = min([(middle, ""), *_round_spans(scene, bend)])
+    taut = math.sqrt(bending / (TAUT * cable.EA)) if sum(held) + len(scene.grasps) > 1 else math.inf
+    middle, around = min([(middle, ""), *_round_spans(scene, bend, min(bend, taut))])
     if not (tension and bending):
         return _Spans(math.inf, middle, 1.0, around)
     reach = REACH * bend + max(end.jaw for end in ends)
@@ -142,18 +172,103 @@ def _wanted_spans(scene: Scene) -> _Spans:
     return _Spans(clamped, middle, reach, around)
 
 
-def _round_spans(scene: Scene, bend: float) -> list[tuple[float, str]]:
-    """Longest spans [m] to bend round obstacles within reach, and their names. bend: length [m]
-    over which the tension bends the cable.
+def _round_spans(scene: Scene, bend: float, taut: float) -> list[tuple[float, str]]:
+    """Longest spans [m] to bend round obstacles within reach and the cable itself, and what these
+    are.
+
+    Args:
+        bend: length over which the tension bends the cable [m]. taut: the same where it may be
+            pulled through a guide or a knot [m].
     """
+    found = []
+    if scene.contact.self == "on":
+        found.append((_span_round(scene, None, taut), "another strand"))
     if not scene.touches:
-        return []
-    least, found = scene.cable.length / (MOST_FOR_EDGES - bspline.DEGREE), []
+        return found
+    least = scene.cable.length / (MOST_FOR_EDGES - bspline.DEGREE)
     for one in scene.bodies:
         if one.shape != "plane" and not beyond_reach(scene, one):
-            span = ROUND * max(bend_radius(scene, one), bend)
-            found.append((max(span, least * (one.shape in EDGED)), one.name))
+            span = _span_round(scene, one, taut if one.shape in GUIDES else bend)
+            found.append((max(span, least * (one.shape in EDGED)), f"obstacles.{one.name}"))
     return found
+
+
+def _span_round(scene: Scene, body: Obstacle | None, bend: float) -> float:
+    """The longest span [m] to bend round an obstacle, or the cable itself, under a tension that
+    bends the cable over the length `bend` [m].
+    """
+    if body is None:
+        return ROUND * max(scene.cable.diameter, bend)
+    over = IN_CHANNEL if body.shape == "channel" else ROUND
+    return max(ROUND * bend_radius(scene, body), over * bend)
+
+
+class Shortfall(NamedTuple):
+    """A bend that the knot spans of a cable are too long to follow.
+
+    Attributes:
+        needed: number of control points that follow it. turn: of the cable within a span [rad]. u:
+            where it is [m].
+    """
+
+    needed: int
+    turn: float
+    u: float
+
+    def warning(self, name: str, cure: str) -> str:
+        """One line; name: of the obstacle, or ITSELF. cure: `raised`."""
+        what, around = (f"obstacles.{name}", "it") if name != ITSELF else ("contact.self", "itself")
+        return (
+            f"{what}: the cable bends round {around} by {self.turn:.2g} rad in a knot span at "
+            f"{self.u:.3g} m, so forces there may be some 10 % off or more; {cure}"
+        )
+
+
+def raised(scene: Scene, number: int, implicit: bool) -> str:
+    """What to change for so many control points, in words; implicit: whether the method is."""
+    cure, samples = (
+        f"raise discretization.control_points to {number}",
+        2 * (number - bspline.DEGREE),
+    )
+    if scene.discretization.quadrature == "uniform" and scene.discretization.samples < samples:
+        cure += f" and discretization.samples to {samples}"
+    if scene.integrator.step and not implicit:
+        cure += " and set integrator.step to 0"  # a shorter one is stable
+    return cure
+
+
+def shortfalls(
+    scene: Scene, model: Model, points: Array, found: Mapping[str, Contact]
+) -> dict[str, Shortfall]:
+    """Bends of a cable round what it touches that its knot spans cannot follow, by the names of the
+    obstacles, ITSELF included.
+
+    Args:
+        points: control points [m], shape (n, 3 or 4). found: what touches, by the same names.
+    """
+    bodies, bends = {one.name: one for one in scene.bodies if one.shape != "plane"}, {}
+    breaks = bspline.breaks(model.knots)
+    spans, bending = np.diff(breaks), scene.cable.EI * (scene.terms.bend != "off")
+    for name, one in found.items():
+        if not len(one.u) or (name != ITSELF and name not in bodies):
+            continue
+        pulled = one.tensions.max(initial=TINY) if len(one.tensions) else math.inf
+        wanted = _span_round(scene, bodies.get(name), math.sqrt(bending / pulled))
+        here = spans[np.searchsorted(breaks, one.u, side="right").clip(1, len(spans)) - 1]
+        sides = (one.u + 0.5 * sign * here for sign in (-1.0, 1.0))
+        before, after = (
+            bspline.evaluate(points[:, :3], model.knots, u.clip(0.0, breaks[-1]), 1) for u in sides
+        )
+        across = np.linalg.norm(np.cross(before, after), axis=1)
+        turns = np.arctan2(across, np.sum(before * after, axis=1))
+        turns[here <= TOO_LONG * wanted] = 0.0
+        worst = int(np.argmax(turns))
+        in_channel = name != ITSELF and bodies[name].shape == "channel"
+        if turns[worst] > SHARP * (IN_CHANNEL / ROUND if in_channel else 1.0):
+            needed = math.ceil(len(spans) * here[worst] / wanted - 1e-6) + bspline.DEGREE
+            needed = min(needed, MOST_CONTROL_POINTS)
+            bends[name] = Shortfall(needed, float(turns[worst]), float(one.u[worst]))
+    return bends
 
 
 def _span(length: float, factor: float, order: int, target: float) -> float:
@@ -214,7 +329,7 @@ def _wanted(scene: Scene, spans: _Spans, grading: bspline.Grading) -> int:
 def _aim(scene: Scene, spans: _Spans) -> str:
     """What decides the spans."""
     if spans.round_:
-        return f"the bend round obstacles.{spans.round_}"
+        return f"the bend round {spans.round_}"
     return f"accuracy.target {scene.accuracy.target:g} m"
 
 

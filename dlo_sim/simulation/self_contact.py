@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -12,20 +12,23 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
 from dlo_sim.engine.arrays import SELF, CableArrays
-from dlo_sim.engine.contact import RETURN, STIFFNESS
+from dlo_sim.engine.contact import RETURN
 from dlo_sim.engine.self_contact import LONGEST
 from dlo_sim.scene.description import EARTH, Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.obstacles import Contact, law, values_of_spans
+from dlo_sim.simulation.obstacles import Contact, tensions_beside, values_of_spans
 
 Array = NDArray[np.float64]
 SEGMENT = 0.5  # length of a segment in diameters, of the longest span
 # Penetration by the weight of the whole cable on one segment, in diameters: less than into
 # obstacles, since the Newton matrix, which contains the couplings, makes stiff contact no dearer.
 HUNG_DEPTH = 0.0025
+# Damping of bristles, which are as stiff as the surface, in sqrt(k_t mu): with less, a strand that
+# is pulled suddenly slips before it sticks.
+BRISTLE_DAMPED = 8.0
 THROWN_DEPTH = 0.4  # penetration of a cable thrown at inputs.max_speed, in diameters
 MOST_SEGMENTS = 16  # of a span
 APART = 1.6  # along the cable, in diameters: half the smallest ring that a round cable can form
@@ -59,8 +62,9 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array) -> None:
     chain.basis[:] = to_blocks(values_of_spans(knots, xi))
     chain.arc[: len(lengths)], chain.length[: len(lengths)] = ends[:-1], lengths / count
     chain.diameter, chain.apart = diameter, APART * diameter
-    k = stiffness(scene, float(lengths.max()) / count)
-    chain.law[:] = law(scene, k, scene.contact.friction)
+    k, mu = stiffness(scene, float(lengths.max()) / count), scene.cable.mu
+    damping = 2.0 * scene.contact.damping * math.sqrt(k * mu)
+    chain.law[:] = k, damping, k, BRISTLE_DAMPED * math.sqrt(k * mu), scene.contact.friction
 
 
 # -- how near it comes to itself -----------------------------------------------------------------
@@ -247,9 +251,12 @@ class Watch:
         )
 
 
-def warnings(scene: Scene, cable: Cable, found: Contact | None) -> Iterator[str]:
-    """Lines about what the contact of a cable with itself cannot bear; `found`: what touches now,
-    None if it does not touch itself.
+def warnings(scene: Scene, cable: Cable, found: Contact | None, finer: str) -> Iterator[str]:
+    """Lines about what the contact of a cable with itself cannot bear.
+
+    Args:
+        found: what touches now, None if it does not touch itself. finer: what gives the control
+            points that bends need; empty if there are enough.
     """
     if found is None:
         return
@@ -272,16 +279,18 @@ def warnings(scene: Scene, cable: Cable, found: Contact | None) -> Iterator[str]
     if account.overlap:
         side = ", maybe to the wrong side" if account.overlap > DEEP * diameter else ""
         yield (
-            f"contact.self: the cable began up to {account.overlap:.3g} m inside itself, and is "
-            f"pushed out at {RETURN:g} m/s{side}; begin with its strands apart"
+            f"contact.self: the cable began up to {account.overlap:.3g} m inside itself, or came "
+            f"there by changed parameters, and is pushed out at {RETURN:g} m/s{side}; begin with "
+            "its strands apart, or change them in small steps"
         )
     # Between segments: where they bend, the surface of the cable is further in (METHODS.md).
     deep = -float(cable.strands()[:, 0].min(initial=0.0)) - account.pair_yield
     if deep > PRESSED * diameter:
         yield (
             f"contact.self: strands are pressed {deep:.2g} m into each other, {deep / diameter:.1%}"
-            f" of the diameter, by up to {found.pressure:.3g} N/m; raise contact.stiffness above "
-            f"{cable.arrays.chain.law[STIFFNESS]:.2g}"
+            f" of the diameter, by up to {found.pressure:.3g} N/m; raise contact.stiffness to "
+            f"{found.pressure / (0.5 * PRESSED * diameter):.2g}"
+            + (f" and {finer}" if finer else "")
         )
 
 
@@ -307,10 +316,13 @@ def check_start(scene: Scene, cable: Cable, held: Sequence[float]) -> None:
         )
 
 
-def contact_with_itself(cable: Cable, diameter: float) -> Contact:
+def contact_with_itself(
+    cable: Cable, diameter: float, tension: Callable[[Array], Array] | None
+) -> Contact:
     """Where a cable touches itself at the present configuration, each place on the first of the two
     strands. `force` is half the sum of the sizes of all forces, in no direction: those on both
-    strands cancel. The friction is that of the bristles, without their damping.
+    strands cancel. The friction is that of the bristles, without their damping. tension: as for
+    `contact_with`.
     """
     model, rows = cable.model, cable.strands()
     rows = rows[rows[:, 1] > 0.0]
@@ -326,5 +338,5 @@ def contact_with_itself(cable: Cable, diameter: float) -> Contact:
         points=points,
         forces=forces,
         passes=np.zeros(0),
-        tensions=np.zeros(0),
+        tensions=tensions_beside(model.knots, u, tension),
     )

@@ -26,11 +26,12 @@ from dlo_sim.engine.arrays import ENERGIES, MATERIAL, SLIDING, TORSION
 from dlo_sim.engine.frames import curve_frames
 from dlo_sim.engine.grasps import ACTIVE, DURATION, POSITION, START
 from dlo_sim.engine.sliding import LOST
-from dlo_sim.scene.description import Grasp, Obstacle, Scene, check_added
+from dlo_sim.scene.description import EARTH, Grasp, Obstacle, Scene, check_added
 from dlo_sim.scene.needs import (
     Needs,
     check_terms,
     inextensible,
+    mirrors,
     moments_may_come,
     needs_of,
     needs_of_end,
@@ -39,8 +40,10 @@ from dlo_sim.scene.needs import (
 from dlo_sim.simulation import following, obstacles, self_contact
 from dlo_sim.simulation.buckling import (
     coiling_warning,
-    is_bent,
-    release_from_line,
+    look_due,
+    plane_warning,
+    release,
+    side_note,
     steps_between_looks,
 )
 from dlo_sim.simulation.build_model import build_model
@@ -72,6 +75,7 @@ from dlo_sim.simulation.natural_shape import NaturalShape
 from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import (
+    WRONG,
     Energy,
     Report,
     Slide,
@@ -81,8 +85,8 @@ from dlo_sim.simulation.report import (
     explained,
     newton_note,
 )
-from dlo_sim.simulation.resolution import continued, resolved
-from dlo_sim.simulation.selection import check_named_method, choose
+from dlo_sim.simulation.resolution import Shortfall, continued, raised, resolved, shortfalls
+from dlo_sim.simulation.selection import check_named_method, choose, is_implicit
 from dlo_sim.simulation.soundness import judged, unexplained_stretch
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.statics import place
@@ -90,18 +94,19 @@ from dlo_sim.simulation.stepper import Stepper
 from dlo_sim.simulation.waiting_motions import Waiting, WaitingMotions
 
 Array = NDArray[np.float64]
-Overlaps = dict[tuple[str, bool], tuple[int, float]]
-"""Obstacle that was inside the cable, whether it jumped -> how often, how deep at most [m]."""
+Overlaps = dict[tuple[str, obstacles.Overlap], tuple[int, float]]
+"""Obstacle that was inside the cable, how it came there -> how often, how deep at most [m]."""
 Basis = tuple[NDArray[np.int64], Array, Array]
 CHUNK = 4096  # steps of a long advance after which the state is kept in case of a failure
 NOTABLE = 1e4  # energy exchanged, in floors of the account: as of a motion by 1e-4 lengths a second
+LIGHT = 20.0  # weights of the cable that an obstacle in which it begins may press it with
 MOST_BASES = 16  # sets of material coordinates whose basis values are kept
 
 
 @dataclass(frozen=True)
 class Snapshot:
     """Everything that `Simulator.restore` needs to continue bit for bit. State, inputs and
-    geometries are relative to `origin`, shape (3,) [m].
+    geometries are relative to `origin`, shape (3,) [m]; `step` [s] is that of `steps`.
     """
 
     scene: Scene
@@ -112,6 +117,7 @@ class Snapshot:
     inputs: Array
     geometries: Geometries
     origin: Array
+    step: float
     waiting: Waiting = field(default_factory=dict)
     overlaps: Overlaps = field(default_factory=dict)
 
@@ -129,7 +135,9 @@ class Simulator:
         end_poses: poses of end effectors and obstacles at time 0, {"start": (position [m] (3,),
             quaternion x, y, z, w (4,)), ...}; the others have the poses of the scene.
         unchecked_step: use integrator.step even above the stability limit (to study stability).
-        continues: `take_over` follows, so a start inside itself is not refused.
+        continues: `take_over` or `restore` follows, so no first shape is looked for, nor refused.
+        near: another simulator; of several equilibria the cable begins in that nearest to its
+            present shape, so that a finer run of the same scene begins as it did.
 
     For an argument of a wrong type or value, every method raises a TypeError or ValueError of one
     line that names the cure, and leaves the state unchanged.
@@ -145,6 +153,7 @@ class Simulator:
         *,
         unchecked_step: bool = False,
         continues: bool = False,
+        near: Simulator | None = None,
     ) -> None:
         arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
         self.scene, self.resolution = resolved(scene)
@@ -161,42 +170,66 @@ class Simulator:
         geometries = geometries_of(scene, poses)
         self._origin = origin_of(geometries)
         self._geometries: Geometries = moved(geometries, -self._origin)
-        model = build_model(scene, needs, self._geometries, origin=self._origin)
-        self.cable = Cable(model)
-        self._greville = bspline.greville(model.knots)
+        self.cable = Cable(build_model(scene, needs, self._geometries, origin=self._origin))
+        self._greville = bspline.greville(self.model.knots)
         self._frame_axis = np.eye(3)[np.argmin(np.abs(self._geometries["start"].tangent))]
-        self._ends = EndDrive(scene, self._geometries, model.knots)
+        self._ends = EndDrive(scene, self._geometries, self.model.knots)
         self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
         self._bases: dict[bytes, Basis] = {}
         self._steps, self._remainder = 0, 0.0
         self._later = WaitingMotions()  # of obstacles
-        # Obstacle and whether it jumped -> how often it came into the cable, how deep at most.
         self._overlaps: Overlaps = {}
         self._fill_loads()
         for name in bodies & set(given):
             self.move_obstacle(name, EndMotion.resting(*given[name]))
         self._hold_cable()
         self._shape_naturally()
-        lay = self._lay_natural_shape if self._natural.follows else None
-        place(scene, self._geometries, self._ends, self.cable, lay)
+        resting = self._place(near, continues)
         if not continues:
             held = [one.u for one in self._geometries.values() if one.u is not None]
             self_contact.check_start(scene, self.cable, held)
         self._watch = self_contact.Watch()
-        frequency = largest_frequency(scene, self.cable)
-        frequency = with_grasps_and_contact(scene, model, frequency)
-        self.choice = choose(scene, frequency, unchecked_step)
+        self._bends: dict[str, Shortfall] = {}  # of recorded runs
+        self.choice = choose(scene, self._largest_frequency(), unchecked_step)
         self._needs = needs.stepped(self.choice.method.family == IMPLICIT)
         self._stepper = Stepper(scene, self.cable, self.choice.method, self.choice.step)
+        # When the cable could fall to either side, and the projection (3, 3) onto these directions.
+        self._fell = None if given or continues else self._fallen_at_start()
         self._look_every = steps_between_looks(self.choice.step, self._stepper.check_every)
-        self._give_way(one.name for one in self.scene.bodies)
+        if not resting:
+            self._give_way(let_be=LIGHT * scene.cable.mu * EARTH)
         self.cable.open_account(self.scene)
         started = time.perf_counter()
         self._stepper.advance(0, 0)  # no tick must have to compile this or the next line
-        unexplained_stretch(model, self.cable.points, self._ends)
+        unexplained_stretch(self.model, self.cable.points, self._ends)
+        self._first_unstable = self._unstable_in_plane()
         self._initial = self.snapshot()
         self._load_ahead()
         self.compile_seconds = time.perf_counter() - started
+
+    @classmethod
+    def resumed(cls, snapshot: Snapshot) -> Simulator:
+        """A simulator that goes on from a snapshot of another process, whatever has happened since
+        the start to what holds the cable; its scene is that of the snapshot without added
+        obstacles.
+
+        Raises:
+            TypeError: not a snapshot. ValueError: its numbers are none of a cable.
+        """
+        arguments.instance("snapshot", snapshot, Snapshot, "from Simulator.snapshot")
+        held = moved(snapshot.geometries, snapshot.origin)
+        poses = {name: (one.position, one.orientation) for name, one in held.items()}
+        found = cls(replace(snapshot.scene, added=()), poses, unchecked_step=True, continues=True)
+        found.restore(snapshot)
+        if not (found.cable.indices_fit and math.isfinite(found.cable.present_energy())):
+            raise ValueError("snapshot: its numbers do not fit; give one of Simulator.snapshot")
+        return found
+
+    def _place(self, near: Simulator | None, continues: bool) -> bool:
+        """Put the cable into its first shape (`statics.place`)."""
+        lay = self._lay_unslipped if self._natural.follows else None
+        shape = self._points_of(near)[0] if near else None
+        return place(self.scene, self._geometries, self._ends, self.cable, lay, shape, continues)
 
     # -- what it is -------------------------------------------------------------------------------
 
@@ -246,29 +279,58 @@ class Simulator:
 
     def warnings_with(self, found: Mapping[str, obstacles.Contact]) -> tuple[str, ...]:
         """`warnings` where `contacts` are known, which take long with many obstacles."""
-        tolerance, account = self.scene.integrator.tolerance, self.cable.account
-        notable = account.exchanged > NOTABLE * account.floor
-        error = self.energy_error if notable else 0.0
         itself = found.get(obstacles.ITSELF)
         bodies = {name: one for name, one in found.items() if name != obstacles.ITSELF}
-        points = self.cable.points
+        bends = self._bends_with(found)
+        needed = max((one.needed for one in bends.values()), default=0)
+        implicit = self.choice.method.family == IMPLICIT
+        finer = raised(self.scene, needed, implicit) if needed else ""
+        pressed = {
+            name: obstacles.press_warning(name, one, self.scene, finer)
+            for name, one in bodies.items()
+        }
         lines = (
+            self._first_unstable,
             coiling_warning(self.scene, self.cable),
-            balance_warning(self.choice.method, tolerance, error),
+            self._open_balance,
             obstacles.thin_warning(self.scene),
             obstacles.mesh_warning(self.scene),
-            obstacles.depth_warning(self.scene, float(account.contact_deep)),
+            obstacles.depth_warning(self.scene, float(self.cable.account.contact_deep)),
             *(obstacles.overlap_warning(*key, *seen) for key, seen in self._overlaps.items()),
-            *(obstacles.press_warning(name, one, self.scene) for name, one in bodies.items()),
-            *(
-                obstacles.bend_warning(one, bodies[one.name], self.model, points)
-                for one in self.scene.bodies
-                if one.name in bodies
-            ),
+            *pressed.values(),
+            *(one.warning(name, finer) for name, one in bends.items() if not pressed.get(name)),
             self._watch.warning,
-            *self_contact.warnings(self.scene, self.cable, itself),
+            *self_contact.warnings(self.scene, self.cable, itself, finer),
         )
         return (*self._needs.warnings, *filter(None, lines))
+
+    @property
+    def _open_balance(self) -> str:
+        """One line if the energy balance is open by more than the method may leave, else empty."""
+        account, method = self.cable.account, self.choice.method
+        if account.exchanged <= NOTABLE * account.floor:
+            return ""
+        return balance_warning(method, self.scene.integrator.tolerance, self.energy_error)
+
+    @property
+    def control_points_needed(self) -> int:
+        """Number of control points that follow the bends of the cable round what it touches now, or
+        touched in a recorded run; 0 if these do.
+        """
+        return max((one.needed for one in self._bends_with(self.contacts).values()), default=0)
+
+    def _bends_with(self, found: Mapping[str, obstacles.Contact]) -> dict[str, Shortfall]:
+        """Bends that the knot spans cannot follow where `contacts` are known, and those kept."""
+        now = shortfalls(self.scene, self.model, self.cable.points, found)
+        bends = {name: max(self._bends.get(name, one), one) for name, one in now.items()}
+        return self._bends | bends
+
+    def keep_bends(self, cable: Cable, found: Mapping[str, obstacles.Contact]) -> None:
+        """Keep the bends that knot spans cannot follow at one state of a recorded run, for
+        `warnings`; found: what touches there.
+        """
+        for name, one in shortfalls(self.scene, cable.model, cable.points, found).items():
+            self._bends[name] = max(self._bends.get(name, one), one)
 
     def look_at(self, times: Array, points: Array) -> None:
         """Look whether a recorded run, of control points (T, n_u, 4) at times [s], passed through
@@ -291,7 +353,30 @@ class Simulator:
     def notes(self) -> tuple[str, ...]:
         """Remarks for readers of the results, one line each."""
         torsion = self.undefined_torsion
-        return (*self.warnings, *([torsion.note] if torsion.worst else []))
+        flat = "" if self._first_unstable else self._unstable_in_plane()
+        more = (flat, torsion.note if torsion.worst else "", self._side_note)
+        return (*self.warnings, *filter(None, more))
+
+    def _fallen_at_start(self) -> tuple[float, Array] | None:
+        """Time 0 and the directions in which the first shape leaves what mirrors it, or None."""
+        across = np.diag(mirrors(self.scene))
+        fallen = side_note(self.cable, self.scene, 0.0, across)
+        return (0.0, across) if fallen else None
+
+    @property
+    def _side_note(self) -> str:
+        return side_note(self.cable, self.scene, *self._fell) if self._fell else ""
+
+    def _unstable_in_plane(self) -> str:
+        """`plane_warning` of a copy in space, which takes 50 ms; empty if the cable is there
+        anyway.
+        """
+        if len(self.model.axes) == 3 or self.scene.terms.out_of_plane != "off":
+            return ""
+        copy = deepcopy(self)
+        copy.scene = replace(self.scene, terms=replace(self.scene.terms, out_of_plane="on"))
+        copy._activate(needs_of(copy.scene), self._held_now)
+        return plane_warning(copy.cable, copy.scene)
 
     # -- shape and motion -------------------------------------------------------------------------
 
@@ -486,6 +571,8 @@ class Simulator:
             evaluations += used
             if made:
                 self._look()
+            if done >= steps or done // CHUNK > (done - made) // CHUNK or not status.ok:
+                self._watch_itself()
             self._begin_motions()
             if not status.ok:
                 message = (
@@ -495,6 +582,8 @@ class Simulator:
                 return Report(status, message, done, done * self.step, evaluations)
         note = newton_note(self.choice.method, self.step, done, evaluations)
         wrong = unexplained_stretch(self.model, self.cable.points, self._ends, self.time)
+        if not wrong and self.choice.method.family != IMPLICIT and self.energy_error > WRONG:
+            wrong = self._open_balance
         status = Status.UNRESOLVED if wrong else Status.OK
         return Report(status, wrong, done, done * self.step, evaluations, note)
 
@@ -573,6 +662,7 @@ class Simulator:
             if made.steps:
                 self._look()
             self._begin_motions_of_obstacles()
+        self._watch_itself()
         self._ends.restored()
         why = explained(status, self.choice.method)
         message = "" if status.ok else f"{why} (at {self.time:.6g} s)"
@@ -602,22 +692,32 @@ class Simulator:
         at = np.minimum(now + samples, now + times[-1])
         report, recorder = future.record_along(now + times, poses, at)
         count, shapes = recorder.count, recorder.along(self.scene)
-        drawn = drawn_obstacles(future.scene, future.cable, recorder)
+        drawn = drawn_obstacles(future.scene, future.cable, recorder, future.keep_bends)
         points = recorder.control_points
         future.look_at(samples[:count], points)
-        return Forecast(samples[:count], points, *shapes, report, drawn, future.warnings)
+        told = future.warnings, future.control_points_needed
+        return Forecast(samples[:count], points, *shapes, report, drawn, *told)
 
     def _until_look(self, steps: int) -> int:
-        """At most `steps`, and none beyond the next look at a straight cable. One that is bent will
-        not be exactly straight so soon.
+        """At most `steps`, and none beyond the next look at a cable on a line or in a plane. One
+        that is far from it will not be exactly there so soon.
         """
-        left = self._look_every - self._steps % self._look_every
-        return steps if steps <= left or is_bent(self.cable) else left
+        every = self._look_every * look_due(self.cable)
+        return min(steps, every - self._steps % every) if every else steps
 
     def _look(self) -> None:
-        """Look at a straight cable, and whether one passes through itself, where it is time to."""
+        """Look at a cable on a line or in a plane, where it is time to."""
         if self._steps % self._look_every == 0:
-            release_from_line(self.cable, self.scene)
+            every = self._look_every * look_due(self.cable)
+            if every and self._steps % every == 0:
+                free = release(self.cable, self.scene)
+                if free is not None and not self._side_note:
+                    across, axes = np.zeros((3, 3)), list(self.model.axes)
+                    across[np.ix_(axes, axes)] = free
+                    self._fell = self.time, across
+
+    def _watch_itself(self) -> None:
+        """Look whether the cable passes through itself, where it does not touch itself."""
         if "self_contact" not in self._needs:
             x = self.cable.x[: len(self.model.axes)]
             self._watch.look(self.model, x, self.scene.cable.diameter, self.time)
@@ -752,11 +852,12 @@ class Simulator:
             TypeError, ValueError: no obstacle, or not a pose.
         """
         motion = EndMotion.resting(position, orientation, self.time)
+        kept = {one: found for one, found in self._pressures.items() if one == name}
         self.cable.settle(self.time)
         before = self.cable.present_energy()
         self.move_obstacle(name, motion)
         self.cable.place_obstacles(self.time)
-        self._give_way([name], jumped=True)
+        self._give_way(kept, obstacles.Overlap.JUMPED)
         self.cable.account.drive_work += self.cable.present_energy() - before
 
     def move_obstacle(self, name: str, motion: EndMotion) -> None:
@@ -840,17 +941,20 @@ class Simulator:
             )
         if not scene.touches and added:
             raise ValueError("obstacles: terms.contact is off; set it to auto")
+        obstacles.fields_of(scene)  # refuses a mesh while nothing is changed
         self.cable.settle(self.time)
-        before = self.cable.present_energy()
+        before, kept = self.cable.present_energy(), self._pressures
         self.scene, needs = scene, self._needs.with_contact(bool(scene.bodies) and scene.touches)
         place = self._geometries["start"].attachment + self._origin
-        for axis in {0, 1, 2} - set(needs.axes):
-            if any(obstacle.pushes_along(axis, float(place[axis])) for obstacle in added):
-                needs = needs.spatial(scene)
+        missing = {0, 1, 2} - set(needs.axes)
+        across = any(one.pushes_along(k, float(place[k])) for k in missing for one in added)
+        if across or (added and scene.terms.out_of_plane != "off"):
+            needs = needs.spatial(scene)
         for one in known ^ set(scene.bodies):
             self._later.drop(one.name)
         self._activate(needs, self._geometries)
-        self._give_way(one.name for one in set(scene.bodies) - known)
+        new = (one.name for one in set(scene.bodies) - known)
+        self._give_way({name: kept.get(name, obstacles.UNTOUCHED) for name in new})
         self.cable.account.drive_work += self.cable.present_energy() - before
 
     @property
@@ -859,8 +963,10 @@ class Simulator:
         touching = self.scene.bodies if "contact" in self._needs else ()
         found = {obstacle.name: self.contact(obstacle.name) for obstacle in touching}
         if "self_contact" in self._needs:
-            diameter = self.scene.cable.diameter
-            found[obstacles.ITSELF] = self_contact.contact_with_itself(self.cable, diameter)
+            tension = obstacles.tension_along(self.scene, self.cable)
+            found[obstacles.ITSELF] = self_contact.contact_with_itself(
+                self.cable, self.scene.cable.diameter, tension
+            )
         return found
 
     def contact(self, name: str) -> obstacles.Contact:
@@ -871,21 +977,39 @@ class Simulator:
         """
         self._obstacle(name)
         number = [o.name for o in self.scene.bodies].index(name)
-        tension = None if self.scene.without_tension else self.tension
+        tension = obstacles.tension_along(self.scene, self.cable)
         body = self.scene.bodies[number]
         pose = self.end_pose(name) if body.shape in obstacles.GUIDES else None
         return obstacles.contact_with(self.cable, number, body, pose, tension)
 
-    def _give_way(self, names: Iterable[str], jumped: bool = False) -> None:
-        """Let obstacles of these names yield that are inside the cable; count them."""
-        given = set(names)
-        for number, obstacle in enumerate(self.scene.bodies if "contact" in self._needs else ()):
-            if obstacle.name in given:
-                depth = self.cable.give_way(number)
-                if depth > 0.5 * self.scene.cable.diameter:
-                    key = obstacle.name, jumped
-                    count, most = self._overlaps.get(key, (0, 0.0))
-                    self._overlaps[key] = count + 1, max(most, depth)
+    @property
+    def _touchable(self) -> tuple[str, ...]:
+        """Names of the obstacles that the cable can touch, in the order of their numbers."""
+        return tuple(one.name for one in self.scene.bodies) if "contact" in self._needs else ()
+
+    @property
+    def _pressures(self) -> dict[str, obstacles.Pressure]:
+        """By which pressure each obstacle presses the cable now."""
+        names = self._touchable
+        return {name: obstacles.pressure_by(self.cable, k) for k, name in enumerate(names)}
+
+    def _give_way(
+        self,
+        kept: Mapping[str, obstacles.Pressure] | None = None,
+        how: obstacles.Overlap = obstacles.Overlap.BEGAN,
+        let_be: float = 0.0,
+    ) -> None:
+        """Let obstacles `give_way` that press the cable more than `kept`, by name; count them.
+        Default: all, from no pressure.
+        """
+        diameter = self.scene.cable.diameter
+        kept = dict.fromkeys(self._touchable, obstacles.UNTOUCHED) if kept is None else kept
+        for number, name in enumerate(self._touchable):
+            if name in kept:
+                depth = obstacles.give_way(self.cable, number, kept[name], let_be)
+                if depth > how.notable * diameter:
+                    count, most = self._overlaps.get((name, how), (0, 0.0))
+                    self._overlaps[name, how] = count + 1, max(most, depth)
 
     def surface(self, name: str) -> Array:
         """Triangles [m] that show an obstacle that is a mesh, ring or channel, in its frame, shape
@@ -899,7 +1023,7 @@ class Simulator:
 
     def _obstacle(self, name: str) -> Array:
         """Motion of the obstacle of this name, a view."""
-        names = [obstacle.name for obstacle in self.scene.bodies if "contact" in self._needs]
+        names = self._touchable
         return self.cable.obstacles[names.index(arguments.one_of("obstacle", name, names))]
 
     def _put_end(
@@ -1081,6 +1205,7 @@ class Simulator:
             self.cable.inputs.copy(),
             self._geometries,
             self._origin,
+            self.step,
             self._waiting,
             dict(self._overlaps),
         )
@@ -1108,11 +1233,16 @@ class Simulator:
         self._needs = snapshot.needs  # equal needs may have different warnings
         self.cable.state[:] = snapshot.state
         self.cable.inputs[:] = snapshot.inputs
+        if self._fell and self._fell[0] > self.time:
+            self._fell = None
         self._ends.restored(snapshot.waiting)
         names = {obstacle.name for obstacle in self.scene.bodies}
         waiting = {name: snapshot.waiting[name] for name in snapshot.waiting if name in names}
         self._later.replace(waiting)
         self._overlaps = dict(snapshot.overlaps)
+        if snapshot.step != self.step:  # of explicit steps, chosen in another shape
+            self.choice = replace(self.choice, step=snapshot.step)
+            self._stepper = Stepper(self.scene, self.cable, self.choice.method, self.step)
 
     def reset(self) -> None:
         """Go back to the initial state."""
@@ -1172,11 +1302,12 @@ class Simulator:
         self._ends.put(place, 0.0)
         self.cable.arrays.state.bristle[:] = 0.0
         self._watch.reset()
+        self._bends = {}
         self.cable.put(place, speed, 0.0)
         if self._natural.follows:
             self._lay_natural_shape()
         shifted = np.abs(self.cable.points - given).max()
-        self._give_way(one.name for one in self.scene.bodies)
+        self._give_way(let_be=math.inf)
         self.cable.open_account(self.scene)
         if not math.isfinite(self.cable.account.energy_start):
             self.restore(before)
@@ -1235,7 +1366,11 @@ class Simulator:
 
         Loads are those of the scene; `set_load` must be called again. Building takes time: if this
         simulator has advanced meanwhile, let the new one `take_over` its state. Control points and
-        knots that the scene leaves open are those of this simulator.
+        knots that the scene leaves open are those of this simulator. Obstacles, and strands, yield
+        until they press the cable no more than before.
+
+        Raises:
+            ValueError: the scene cannot be simulated, or the state has no finite energy in it.
         """
         arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
         scene, resolution = resolved(continued(scene, self.scene))
@@ -1249,6 +1384,8 @@ class Simulator:
         other = Simulator(replace(scene.with_values(tangents), added=()), poses, continues=True)
         other.scene, other.resolution = replace(scene, added=()), resolution
         other.take_over(self)
+        if not math.isfinite(other.cable.account.energy_start):
+            raise ValueError("scene: the present shape and motion have no finite energy in it")
         return other
 
     def take_over(self, other: Simulator) -> None:
@@ -1257,19 +1394,12 @@ class Simulator:
         """
         arguments.instance("other", other, Simulator, "one that runs")
         self.replace_added(other.scene.added)
-        points, rates = other.cable.points, other.velocities
         if len(other.model.axes) == 3:
             self._need(self._needs.spatial(self.scene))
-        if points[:, 3].any():
+        if other.cable.points[:, 3].any():
             self._need(self._needs.with_twist(self.scene))
         way = other._origin - self._origin
-        points[:, :3] += way
-        old, new = other.model, self.model
-        same = np.array_equal(new.knots, old.knots)
-        if not same:
-            u = self.greville * (other.scene.cable.length / self.scene.cable.length)
-            there = (bspline.evaluate(values, old.knots, u) for values in (points, rates))
-            points, rates = (bspline.interpolate(new.knots, values) for values in there)
+        points, rates = self._points_of(other)
         self._ends.take_over(other._ends, other.time, other.cable.frame_turn, way)
         for name in self.scene.holders:
             if self._ends.state_of(name)[0][ACTIVE]:
@@ -1285,22 +1415,35 @@ class Simulator:
         self.cable.point_grasps(0.0)
         self.cable.put(points, rates, 0.0)
         self.cable.take_over_samples(other.cable)
-        if same:
-            self.cable.take_over_contact(other.cable)
+        self.cable.take_over_contact(other.cable)
         if self._natural.follows and not self._natural.equals(other._natural):
             self._lay_natural_shape()
         self.cable.flow()
         for grasp in taking:
             self.take(grasp)
-        continued = {one.name for one in other.scene.bodies} if same else set()
-        names = {one.name for one in self.scene.bodies}
+        names = set(self._touchable)
         self._overlaps = {key: n for key, n in other._overlaps.items() if key[0] in names}
-        self._give_way(names - continued)
+        kept = other._pressures
+        self._give_way(kept, obstacles.Overlap.CHANGED)
+        self._give_way(dict.fromkeys(names - kept.keys(), obstacles.UNTOUCHED))
         now, before = (
             {one.u for one in sim._held_now.values() if one.u is not None} for sim in (self, other)
         )
         self.cable.open_account(self.scene, other.cable, sorted(before - now))
         self._initial = self.snapshot()
+
+    def _points_of(self, other: Simulator) -> tuple[Array, Array]:
+        """Control points of this cable, and their velocities, with the shape and motion of another
+        one, in the coordinates of this model, each (n, 4).
+        """
+        points, rates, knots = other.cable.points, other.velocities, other.model.knots
+        points[:, :3] += other._origin - self._origin
+        if np.array_equal(self.model.knots, knots):
+            return points, rates
+        u = self.greville * (other.scene.cable.length / self.scene.cable.length)
+        there = (bspline.evaluate(values, knots, u) for values in (points, rates))
+        points, rates = (bspline.interpolate(self.model.knots, values) for values in there)
+        return points, rates
 
     def _take_over_obstacles(self, other: Simulator) -> None:
         """Continue the motions of the other simulator's obstacles."""
@@ -1339,6 +1482,13 @@ class Simulator:
 
     # -- arrays -----------------------------------------------------------------------------------
 
+    def _largest_frequency(self) -> float:
+        """Of the cable as it begins, with what may touch it [rad/s]; 0 for implicit methods."""
+        if is_implicit(self.scene):
+            return 0.0
+        frequency = largest_frequency(self.scene, self.cable)
+        return with_grasps_and_contact(self.scene, self.model, frequency)
+
     def _fill_loads(self) -> None:
         """Loads of the scene in the inputs of the cable."""
         for row, load in zip(self.cable.loads, self.scene.loads, strict=False):
@@ -1363,7 +1513,13 @@ class Simulator:
         self._natural.turn(self._start_orientation)
 
     def _lay_natural_shape(self) -> None:
-        """Lay the natural shape along the present shape."""
+        """Lay the natural shape along the present shape, with plastic flow as if bent in one
+        motion.
+        """
+        self._lay_unslipped()
+        self.cable.flow()
+
+    def _lay_unslipped(self) -> None:
         self._natural.lay(self._start_orientation, self.frames(self._natural.places))
 
     @property

@@ -6,7 +6,8 @@ the way from the straight cable to where the scene has them. It then moves and t
 that way, in steps that adapt themselves, and the cable is at rest under its loads after every step.
 So where there are several equilibria, it finds the one that grippers reach that move together from
 the straight cable: from an arc at the end of the way, 16 of 130 everyday scenes ended in another
-one.
+one. Where there are obstacles, it starts at the straight cable, above them, and takes smaller
+steps: in a long one, the cable would go through what it should lie on.
 
 At each place of the way the cable descends from its first guess by backward Euler steps of the
 gradient flow (`relax`),
@@ -22,8 +23,14 @@ Garcea 2017, Int. J. Numer. Meth. Eng. 109, 1237-1262): the same equations and t
 found in a handful of iterations whatever the stiffness. (The guard of knot spans,
 `engine.span_guard`, needs no such treatment: 700 everyday scenes took as many iterations.)
 
-Twist and shape are solved for in turn. Where that fails, and for inextensible cables, dynamic
-relaxation finds the equilibrium: steps in time with kinetic damping (Cundall 1976).
+Twist that acts on the shape is found with it, by the same steps for all unknowns. They are those
+of the frames that follow the present shape: there shape and twist of each point act on its
+neighbours only, and the matrix is that of an energy, whose positive definiteness says whether the
+cable is stable. Its part that couples shape and twist comes from finite differences, which cost as
+many evaluations of the forces for any number of points.
+
+Inextensible cables come to rest by dynamic relaxation: steps in time with kinetic damping (Cundall
+1976).
 """
 
 from __future__ import annotations
@@ -37,7 +44,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import bspline, mass, rotations
+from dlo_sim.core import bspline, elimination, mass, rotations
 from dlo_sim.core.methods import METHODS
 from dlo_sim.engine.arrays import (
     ANY_STRETCH,
@@ -57,9 +64,10 @@ from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
-from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
-from dlo_sim.simulation.obstacles import PLACES, check_outside
+from dlo_sim.simulation.geometry import Geometries, Geometry, first_shape, held_places
+from dlo_sim.simulation.obstacles import PLACES, gaps, inside
 from dlo_sim.simulation.resolution import resolved
+from dlo_sim.simulation.self_contact import nearest
 from dlo_sim.simulation.soundness import leaves_clamp_backwards, unexplained_stretch
 from dlo_sim.simulation.stepper import Stepper
 
@@ -69,39 +77,42 @@ Lay = Callable[[], None]
 
 EASY = 0.8  # distance of the ends, in lengths of the cable between them, where the search begins
 STEPS = 2  # from there, unless more are needed
+TOUCHING_STEPS = 20  # the same where there are obstacles
+MOST_LIFTS = 200  # of the straight cable, to be clear of them
+CLEAN = 0.1  # diameters, depth in an obstacle or in itself below which no other way is tried
+LEVEL = 1e-3  # share of a tangent across gravity that says in which direction it leads
+TINY = 1e-300
 LEAST_STEP = 1e-3  # of the way
 ROUGH = 1e-3  # of the length, movement that counts as rest on the way
 
 MAX_STEPS = 400
+TURNING_STEPS = 40  # of a search in which what holds the roll turns with the Bishop frame
 MAX_ITERATIONS = 12
 TOLERANCE = 1e-10  # of the cable's length, movement of a step that counts as rest
 ROUND_OFF = 1e-6  # the same where steps do not shrink any more
 FAST, SLOW = 0.5, 0.9  # movement that counts as progress, relative to the least so far
 PATIENCE = 6  # steps without progress after which they do not
 NUDGE = 1e-6  # of the length
+SMALL = 1e-4  # spans, and radians: steps of finite differences
+SPIN = 0.16  # of the length: radius of gyration of the twist in pseudo-time
 STEADY = 1e5  # pseudo-time of the stiffness that must be positive at rest, in `_Search.patient`
-CONVERGED = 1e-4  # last correction of a step, as a share of the step
+CONVERGED, EXACT = 1e-4, 1e-12  # last correction: share of that of the step, or of the length
+LOOSE = 1e-2  # the former with twist
 
-MAX_ALTERNATIONS = 80
-CONTRACTION = 0.7  # of the movement by one alternation, or the next ones turn half as far
-DAMPED = 0.98  # of the movement by one of those, or the next ones turn half as far again
-LEAST_SHARE = 0.03  # of the twist that the present shape asks for
-TWIST_NUDGE = 1e-3  # [rad]
-SETTLED = 1e-9  # movement by an alternation, relative to the length or 1 rad
-NEAR = 1e-2  # of the twist, in radians, below which the search for the shape is a short one
-RETURNED = 1e-2  # of the movement by the first alternation after a nudge
-
-SHARE_OF_TIME = 0.01  # step of the dynamic relaxation, relative to `_time_scale`
-LONGEST = 1.0  # [s], time scale of a cable without weight or stiffness
-EXTENSIBLE = 1e-8, 5_000  # tolerance and most steps of the dynamic relaxation
-INEXTENSIBLE = 1e-7, 40_000
+INEXTENSIBLE = 1e-7, 40_000  # tolerance and most steps of the dynamic relaxation
 RESTS = 3  # stops in a row within the tolerance
 FREQUENCY = 6  # row of a load, after force and moment
 
 
 def place(
-    scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable, lay: Lay | None = None
-) -> None:
+    scene: Scene,
+    geometries: Geometries,
+    ends: EndDrive,
+    cable: Cable,
+    lay: Lay | None = None,
+    near: Array | None = None,
+    continues: bool = False,
+) -> bool:
     """Put a cable into the scene's first shape, at rest.
 
     Without equilibrium it is straight, or an arc where its ends are nearer than its length; or
@@ -112,12 +123,18 @@ def place(
     Args:
         lay: aligns the natural shape with the material frames of the present shape and lets plastic
             flow follow; None if there is neither.
+        near: control points (n, 4); where the first shape is an equilibrium, it is the one nearest
+            to these. Default: the one that grippers reach which move together.
+        continues: another shape will replace this one, so none is looked for, nor refused.
+
+    Returns:
+        Whether what presses it is to stay: in equilibrium, or until the other shape is there.
 
     Raises:
         SceneError: no equilibrium was found, an inextensible cable cannot reach both ends, or the
             cable begins in an obstacle.
     """
-    _FirstShape(scene, geometries, ends, cable, lay).place()
+    return _FirstShape(scene, geometries, ends, cable, lay).place(near, continues)
 
 
 class _FirstShape:
@@ -128,35 +145,54 @@ class _FirstShape:
     ) -> None:
         self._scene, self._geometries = scene, geometries
         self._ends, self._cable, self._lay = ends, cable, lay
-        self._flow = lay if cable.model.has(PLASTICITY) else None  # after each step of a search
+        # After each step of a search for the shape alone.
+        self._flow = self._align if cable.model.has(PLASTICITY) else None
 
-    def place(self) -> None:
+    def place(self, near: Array | None, continues: bool) -> bool:
         """See the function `place`."""
         scene, cable = self._scene, self._cable
         points = np.zeros((cable.model.n, 4))
         points[:, :3] = first_shape(scene, self._geometries, cable.model.knots)
         backwards = leaves_clamp_backwards(points, self._ends)
+        resting = _wants_equilibrium(scene, self._geometries)
+        if scene.initial.shape == "auto" and scene.terms.twist != "frenet":
+            # A straight cable that begins in an obstacle is none that somebody lays there.
+            resting = resting or (self._is_held and self._inside(points[:, :3]) != "")
+        searched = resting or backwards
+        if near is not None and searched:
+            points = near.copy()
         self._ends.put(points, 0.0, anew=True)
         cable.put(points, np.zeros_like(points), 0.0)
-        if self._lay:
-            self._lay()
-        resting = _wants_equilibrium(scene, self._geometries)
+        self._align()
+        if continues:
+            return True
         if resting and scene.terms.twist == "frenet":
             raise SceneError(
                 "initial.shape: no equilibrium is available with terms.twist frenet; use straight"
             )
         if inextensible(scene):
             self._place_inextensible(resting)
+        elif near is not None and searched and self._rests(1.0):
+            self._twist()
         elif resting:
             self._find()
         elif backwards and scene.terms.twist != "frenet" and not self._follow():
             # An arc that is folded at a clamp would stay so, but no other shape was found.
             cable.put(points, np.zeros_like(points), 0.0)
+            self._align()
+        points = cable.points
+        wrong = self._inside(points[:, :3])
+        if wrong:
+            cure = "" if resting or not self._is_held else ", or set initial.shape to equilibrium"
+            raise SceneError(f"{wrong}; move the obstacle or the cable's ends{cure}")
+        cable.put(points, np.zeros_like(points))
+        return resting
+
+    def _align(self) -> None:
+        """Align the natural shape with the present shape, with the plastic flow up to it."""
         if self._lay:
             self._lay()
-        points = cable.points
-        self._check_obstacles(points[:, :3])
-        cable.put(points, np.zeros_like(points))
+            self._cable.flow()
 
     def _find(self) -> None:
         """Put an extensible cable into equilibrium, with its twist.
@@ -166,9 +202,13 @@ class _FirstShape:
         Raises:
             SceneError: none was found.
         """
-        cable = self._cable
         if not self._follow():
-            raise SceneError(_cause(self._scene, cable))
+            raise SceneError(_cause(self._scene, self._cable))
+        self._twist()
+
+    def _twist(self) -> None:
+        """Let the twist come into equilibrium, too, or warn."""
+        cable = self._cable
         if not cable.model.has(BISHOP):
             relax_twist(cable)
         elif not self._with_twist():
@@ -193,8 +233,9 @@ class _FirstShape:
             )
         if resting:
             step = min(0.5 / max(largest_frequency(scene, cable), 1e-3), 5e-3)
-            if not self._relax_in_time("rattle", step, *INEXTENSIBLE):
+            if not self._relax_in_time(step):
                 raise SceneError(_cause(scene, cable))
+        self._align()
 
     def _relax_elastic_twin(self) -> None:
         """Take over the equilibrium with the true axial stiffness, which is close to that of the
@@ -219,26 +260,58 @@ class _FirstShape:
         cable.x[:] = twin.x
         cable.open_frame()
 
-    def _check_obstacles(self, points: Array) -> None:
-        """Refuse a cable that begins deeper in an obstacle than it is thick: it would be flung
-        out.
-        """
-        scene, model = self._scene, self._cable.model
-        if not model.has(CONTACT):
-            return
-        u = np.linspace(0.0, scene.cable.length, PLACES)
-        line = bspline.evaluate(points, model.knots, u) + model.origin
-        for obstacle in scene.bodies:
-            check_outside(obstacle, scene.cable.diameter, u, line)
+    @property
+    def _is_held(self) -> bool:
+        return any(holder.held for holder in self._scene.holders.values())
+
+    def _inside(self, points: Array) -> str:
+        """One line if the cable begins inside an obstacle (`obstacles.inside`), else empty."""
+        scene = self._scene
+        if not self._cable.model.has(CONTACT):
+            return ""
+        u, line = np.linspace(0.0, scene.cable.length, PLACES), self._line(points)
+        found = (inside(body, scene.cable.diameter, u, line) for body in scene.bodies)
+        return next(filter(None, found), "")
 
     # -- along the way of the ends, for the twist as it is ----------------------------------------
 
     def _follow(self) -> bool:
         """Whether an extensible cable came into equilibrium for the twist as it is, in the shape
         that grippers reach that move together from the straight cable.
+
+        Where there are obstacles, they come from where the straight cable is clear of them. The
+        first shape counts that is in none of them and does not cross itself, or else the best one.
         """
-        way = _Way(self._scene, self._geometries, self._cable.model.axes)
-        return any(self._follow_from(way, begin) for begin in (way.easy, 0.0))
+        cable = self._cable
+        if not cable.model.has(CONTACT):
+            way = _Way(self._scene, self._geometries, cable.model.axes)
+            return any(self._follow_from(way, begin) for begin in (way.easy, 0.0))
+        least, best = np.inf, cable.state.copy()
+        for direction in _directions(self._scene, self._geometries):
+            way = _Way(self._scene, self._geometries, cable.model.axes, direction)
+            way.begin_clear(cable.model.origin)
+            if self._follow_from(way, 0.0):
+                fault = self._fault()
+                if fault < least:
+                    least, best = fault, cable.state.copy()
+                if fault < CLEAN:
+                    break
+        cable.state[:] = best
+        return least < np.inf
+
+    def _fault(self) -> float:
+        """How deep the cable is in obstacles or in itself, in diameters."""
+        scene, model = self._scene, self._cable.model
+        points, diameter = self._cable.points, scene.cable.diameter
+        line = self._line(points[:, :3])
+        found = [float(gaps(body, diameter, line).min()) for body in scene.bodies]
+        return -min([*found, nearest(model, points, diameter).clearance]) / diameter
+
+    def _line(self, points: Array) -> Array:
+        """PLACES points of the cable in the world [m]."""
+        model = self._cable.model
+        u = np.linspace(0.0, self._scene.cable.length, PLACES)
+        return np.asarray(bspline.evaluate(points, model.knots, u) + model.origin)
 
     def _follow_from(self, way: _Way, begin: float) -> bool:
         """Whether the search from a share of the way on ended in equilibrium."""
@@ -249,13 +322,14 @@ class _FirstShape:
         if not self._rests(begin):
             self._place_ends(way, 1.0)
             return False
-        share, step = begin, (1.0 - begin) / STEPS
+        touches = cable.model.has(CONTACT)
+        share, step = begin, (1.0 - begin) / (TOUCHING_STEPS if touches else STEPS)
         shape = cable.points
         last: tuple[Array, float] | None = None  # changes of shape and share by the last step
         while share < 1.0:
             there = share + step if share + step < 1.0 - LEAST_STEP else 1.0
             guess = shape.copy()
-            if last is None:
+            if last is None or touches:
                 u = bspline.greville(cable.model.knots)
                 for axis in range(3):
                     guess[:, axis] -= (there - share) * np.interp(u, way.u, way.back[:, axis])
@@ -287,27 +361,29 @@ class _FirstShape:
         self._place_ends(way, share)
         self._ends.put(points, 0.0, anew)
         self._cable.put(points, np.zeros_like(points), 0.0, follow=self._lay is None)
-        if self._lay:
-            self._lay()
+        self._align()
 
     def _rests(self, share: float) -> bool:
         """Whether an equilibrium was found for the twist as it is, with plastic flow up to it at
-        the end of the way, whose local stretch its tension explains.
+        the end of the way, whose local stretch its tension explains. It is a rough one on the
+        way, and where flow is found faster together with the twist that acts on the shape.
         """
         cable = self._cable
         _nudge(cable)
-        found = relax(cable, rest=ROUGH) if share < 1.0 else self._relax_with_flow()
+        more = share < 1.0 or (self._flow is not None and cable.model.has(BISHOP))
+        rest = ROUGH if more else TOLERANCE
+        found = relax(cable, rest=rest) if share < 1.0 else self._relax_with_flow(rest)
         return found and not unexplained_stretch(cable.model, cable.points, self._ends)
 
-    def _relax_with_flow(self) -> bool:
+    def _relax_with_flow(self, rest: float) -> bool:
         """`relax` with plastic flow. Where that fails, as for stiff wires, with the flow up to the
         first guess and a UserWarning.
         """
         begin = self._cable.state.copy()
-        if relax(self._cable, self._flow):
+        if relax(self._cable, self._flow, rest):
             return True
         self._cable.state[:] = begin
-        if self._flow is None or not relax(self._cable):
+        if self._flow is None or not relax(self._cable, rest=rest):
             return False
         warnings.warn(
             "initial.shape: the search with plastic flow did not converge; the cable moves after "
@@ -319,89 +395,47 @@ class _FirstShape:
     # -- with the twist that acts on the shape ----------------------------------------------------
 
     def _with_twist(self) -> bool:
-        """Whether shape and twist that acts on the shape are in stable equilibrium together: found
-        by solving for them in turn, or else by steps in time. Where both fail, the cable has the
-        shape of the last search that succeeded.
+        """Whether shape and twist that acts on the shape are in stable equilibrium together.
+
+        What holds the roll turns with the Bishop frame, so that it holds the cable at its twist
+        angle whatever the shape. A natural shape may have no stable equilibrium of this kind; then
+        what holds the roll keeps still from the shape without twist on.
         """
-        cable = self._cable
+        cable, account = self._cable, self._cable.account
         before = cable.state.copy()
-        if self._in_turn():
-            return True
-        alternated = cable.state.copy()
-        cable.state[:] = before
-        _nudge_twist(cable)
-        self._stop()
-        step = SHARE_OF_TIME * _time_scale(self._scene)
-        if self._relax_in_time("energy_momentum", step, *EXTENSIBLE):
-            return True
-        cable.state[:] = alternated
-        return False
-
-    def _in_turn(self) -> bool:
-        """Solve in turn for the twist and for the shape; whether that converged. The state is that
-        of the last search that succeeded.
-
-        A cable whose natural shape turns it about its own axis may be at the top of a ridge, which
-        is not seen in the stiffness at fixed twist: it is nudged once, and must come near the shape
-        before, which is then taken, or find another one.
-        """
-        cable = self._cable
-        last, found, share = np.inf, cable.state.copy(), 1.0
-        nudged, at_rest, first = not cable.model.has(MATERIAL), None, 0.0
-        for _ in range(MAX_ALTERNATIONS):
-            before = cable.x.copy()
-            if not relax_twist(cable):
-                return self._lay is None
-            if self._lay is None and _relative_movement(cable, before) < SETTLED:
-                return True
-            cable.x[-1] = before[-1] + share * (cable.x[-1] - before[-1])
-            near = _relative_movement(cable, before) < NEAR
-            self._stop()
-            if not relax(cable, self._flow, near=near):
+        for rolls in (True, False):
+            cable.state[:] = before
+            if self._lay:
+                self._lay()
+            account.slip = 1.0  # all of the flow, and its part of the stiffness
+            found = relax(cable, self._lay if rolls else None, twist=True, rolls=rolls)
+            account.slip = 0.0
+            cable.flow()
+            if found:
                 break
-            moved = _relative_movement(cable, before) / share
-            if moved < SETTLED and nudged:
-                return True
-            if moved < SETTLED:
-                nudged, last, found = True, np.inf, cable.state.copy()
-                at_rest, rest = found, cable.x.copy()
-                _nudge_twist(cable)
-                self._stop()
-                continue
-            if at_rest is not None:  # nudged
-                first = first or moved
-                shrinking = moved < min(CONTRACTION * last, RETURNED * first)
-                if shrinking and _relative_movement(cable, rest) < first:
-                    cable.state[:] = at_rest
-                    return True
-            if moved > (CONTRACTION if share == 1.0 else DAMPED) * last:
-                share *= 0.5
-                if share < LEAST_SHARE:
-                    break
-            last, found = moved, cable.state.copy()
-        cable.state[:] = found
-        return False
+        self._ends.take_frame_turns(cable.frame_turn)
+        cable.motion[:] = self._ends.motion
+        return found
+
+    # -- by steps in time -------------------------------------------------------------------------
 
     def _stop(self) -> None:
         """Take the velocity away, with the ends where they are held."""
         points = self._cable.points
         self._ends.put(points, 0.0)
         self._cable.put(points, np.zeros_like(points))
-        if self._lay:
-            self._lay()
+        self._align()
 
-    # -- by steps in time -------------------------------------------------------------------------
-
-    def _relax_in_time(self, method: str, step: float, tolerance: float, max_steps: int) -> bool:
+    def _relax_in_time(self, step: float) -> bool:
         """Let the cable come to rest from its present shape; whether it did. Sine loads are left
         out.
 
         Whenever the kinetic energy falls, the velocity is taken away, until the cable moves by less
-        than `tolerance` [of the length, or of 1 rad] between two stops RESTS times in a row. Where
-        it does not within `max_steps` steps of `step` [s], it is left as it was.
+        than a tolerance [of the length, or of 1 rad] between two stops RESTS times in a row. Where
+        it does not within the most steps of `step` [s], it is left as it was.
         """
-        cable = self._cable
-        stepper = Stepper(self._scene, cable, METHODS[method], step)
+        cable, (tolerance, max_steps) = self._cable, INEXTENSIBLE
+        stepper = Stepper(self._scene, cable, METHODS["rattle"], step)
         state, inputs = cable.state.copy(), cable.inputs.copy()
         peak, still = 0.0, 0
         try:
@@ -434,29 +468,57 @@ class _Way:
     """The way of everything that holds the cable, from where it is straight and unstressed (share
     0) to where the scene has it (share 1): positions move straight, tangents turn the shortest way.
 
-    The straight cable points from the first to the last held point; if they coincide, as the
-    tangents do on average; if only one point is held, along gravity.
+    Args:
+        direction: of the straight cable; default: from the first to the last held point; if they
+            coincide, as the tangents do on average; if only one point is held, along gravity.
 
     Attributes:
         u: material coordinates of the held points [m], shape (places,). back: from where they are
-            at share 1 to share 0 [m], shape (places, 3).
+            at share 1 to share 0 [m], shape (places, 3). direction: of the straight cable.
         easy: the largest share at which the ends are easy to reach.
     """
 
-    def __init__(self, scene: Scene, geometries: Geometries, axes: tuple[int, ...]) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        geometries: Geometries,
+        axes: tuple[int, ...],
+        direction: Array | None = None,
+    ) -> None:
         self._scene, self._geometries, self._axes = scene, geometries, axes
         self._places = held_places(scene, geometries)
         self.u = np.array([u for u, _ in self._places])
-        direction = self._direction()
+        direction = _straight(scene, self._places) if direction is None else direction
         at = np.array([geometry.attachment for _, geometry in self._places])
         line = np.outer(self.u, direction)
+        self.direction = direction
         self.back = line - line.mean(axis=0) - (at - at.mean(axis=0))
         self._turns = {
-            name: self._turn(direction, rotations.rotate(geometry.orientation, geometry.tangent))
+            name: self._turn(
+                direction,
+                rotations.rotate(geometry.orientation, geometry.tangent),
+                -1.0 if name == "end" else 1.0,
+            )
             for name, geometry in geometries.items()
             if geometry.u is not None
         }
         self.easy = self._easy()
+
+    def begin_clear(self, origin: Array) -> None:
+        """Begin with the straight cable above all obstacles, as low as that is possible."""
+        scene, up = self._scene, -np.array(self._scene.gravity)
+        up /= max(math.hypot(*up), TINY)
+        u, diameter = np.linspace(0.0, scene.cable.length, PLACES), scene.cable.diameter
+        line = self._places[0][1].attachment + self.back[0] + origin
+        line = line + np.outer(u - self.u[0], self.direction)
+        for _ in range(MOST_LIFTS):
+            gap = min(
+                (float(gaps(body, diameter, line).min()) for body in scene.bodies), default=1.0
+            )
+            if gap > 0.0:
+                break
+            lift = max(-gap, 0.5 * diameter) * up
+            self.back, line = self.back + lift, line + lift
 
     def at(self, share: float) -> Geometries:
         """What holds the cable at a share of the way."""
@@ -489,23 +551,10 @@ class _Way:
                 share = min(share, 1.0 - float((np.sqrt(b * b - a * c) - b) / a))
         return share
 
-    def _direction(self) -> Array:
-        length, (_, first), (_, last) = self._scene.cable.length, self._places[0], self._places[-1]
-        along = [rotations.rotate(geo.orientation, geo.tangent) for _, geo in self._places]
-        tangents = np.sum(along, axis=0)
-        gravity = np.array(self._scene.gravity)
-        choices = [last.attachment - first.attachment, tangents, gravity, np.array([1.0, 0.0, 0.0])]
-        if len(self._places) == 1:
-            choices = choices[2:1:-1] + choices[1:2]
-        for choice in choices:
-            size = math.hypot(*choice)
-            if size > 1e-6 * length:
-                return np.asarray(choice / size)
-        return choices[-1]
-
-    def _turn(self, direction: Array, tangent: Array) -> Array:
+    def _turn(self, direction: Array, tangent: Array, leaves: float) -> Array:
         """Rotation vector from the direction of the straight cable to a tangent. Opposite ones turn
-        in the plane of the motion, or in the vertical one.
+        in the plane of the motion, or in the vertical one, and so that the cable hangs from what
+        holds it: it `leaves` that (1) or comes to it (-1).
         """
         axis = np.cross(direction, tangent)
         angle = math.atan2(math.hypot(*axis), (direction * tangent).sum())
@@ -514,7 +563,40 @@ class _Way:
             axis = np.eye(3)[missing[0]] if missing else np.cross(self._scene.gravity, direction)
             if math.hypot(*axis) < 1e-9:
                 axis = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
+            if leaves * (np.cross(axis, direction) * self._scene.gravity).sum() < 0.0:
+                axis = -axis
         return np.asarray(axis * (angle / math.hypot(*axis)))
+
+
+def _straight(scene: Scene, places: list[tuple[float, Geometry]]) -> Array:
+    """Direction of the straight cable that is held at these places."""
+    (_, first), (_, last) = places[0], places[-1]
+    tangents = np.sum([rotations.rotate(geo.orientation, geo.tangent) for _, geo in places], axis=0)
+    gravity = np.array(scene.gravity)
+    choices = [last.attachment - first.attachment, tangents, gravity, np.array([1.0, 0.0, 0.0])]
+    if len(places) == 1:
+        choices = choices[2:1:-1] + choices[1:2]
+    for choice in choices:
+        size = math.hypot(*choice)
+        if size > 1e-6 * scene.cable.length:
+            return np.asarray(choice / size)
+    return choices[-1]
+
+
+def _directions(scene: Scene, geometries: Geometries) -> list[Array]:
+    """Directions of the straight cable to begin with where there are obstacles: from the first to
+    the last held point, and as the cable leaves them; of a single one, along its tangent where that
+    is level, so that the cable is laid down in the direction in which it leaves.
+    """
+    places = held_places(scene, geometries)
+    tangents = [rotations.rotate(geo.orientation, geo.tangent) for _, geo in places]
+    if len(places) == 1:
+        gravity = np.array(scene.gravity)
+        down = gravity / max(math.hypot(*gravity), TINY)
+        level = tangents[0] - (tangents[0] * down).sum() * down
+        size = math.hypot(*level)
+        return [level / size] if size > LEVEL else [_straight(scene, places)]
+    return [_straight(scene, places), tangents[0], tangents[-1]]
 
 
 def _wants_equilibrium(scene: Scene, geometries: Geometries) -> bool:
@@ -564,24 +646,24 @@ def relax(
     cable: Cable,
     after_step: Callable[[], None] | None = None,
     rest: float = TOLERANCE,
-    near: bool = False,
+    twist: bool = False,
+    rolls: bool = False,
 ) -> bool:
     """Move a cable to a nearby stable equilibrium at rest; true if it was reached.
 
     Damping plays no part, and sine loads are at their value at time zero. The twist stays as
-    it is: `relax_twist` solves for it. `after_step` may change the natural and plastic curvature
-    after each step of the search, which then converges linearly.
-    `rest` is the movement of a step [of the length] that counts as rest; `near` says that the cable
-    is almost there, so that the first steps may be long.
+    it is: `relax_twist` solves for it; or with `twist`, which acts on the shape, they are found
+    together. `after_step` may change the natural and plastic curvature after each step of the
+    search, which then converges linearly.
+    `rest` is the movement of a step [of the length, or rad] that counts as rest; `rolls` says
+    that what holds the roll turns with the Bishop frame.
     """
-    search = _Search(cable)
+    search = _Search(cable, twist, rolls)
     cable.w[:] = 0.0
     pseudo = search.first_step()
-    if near:
-        pseudo = search.patient
     least, stuck, ceiling, smooth, rests, nudged = np.inf, 0, np.inf, 0, False, False
     progress = SLOW if after_step else FAST
-    for _ in range(MAX_STEPS):
+    for _ in range(TURNING_STEPS if rolls else MAX_STEPS):
         iterations, moved = search.step(pseudo)
         if iterations == 0:
             ceiling, smooth = 0.5 * pseudo, 0
@@ -606,19 +688,16 @@ def relax(
     return rests
 
 
-def relax_twist(cable: Cable) -> bool:
-    """One linear solution for the twist line at the present shape; false where nothing holds the
-    twist: the cable keeps the one it has. With a natural shape in the material frame it is a step
-    of a fixed-point iteration.
+def relax_twist(cable: Cable) -> None:
+    """Put the twist that does not act on the shape into equilibrium at the present shape. Where
+    nothing holds it, the cable keeps the one it has.
     """
     model = cable.model
     if not model.twist:
-        return False
+        return
     held = model.held_mask()[-1]
-    if not held.any() and not model.holding.roll_springs:
-        return False
-    cable.x[-1] += mass.solve(model.twisting_stiffness, held, cable.forces()[-1])
-    return True
+    if held.any() or model.holding.roll_springs:
+        cable.x[-1] += mass.solve(model.twisting_stiffness, held, cable.forces()[-1])
 
 
 def _nudge(cable: Cable) -> None:
@@ -635,17 +714,6 @@ def _nudge(cable: Cable) -> None:
     cable.x[:] += NUDGE * length / max(np.abs(way).max(), 1e-300) * way
 
 
-def _nudge_twist(cable: Cable) -> None:
-    """Turn a cable whose natural shape is in the material frame by up to TWIST_NUDGE about its own
-    axis, by a different angle everywhere.
-    """
-    if not cable.model.has(MATERIAL):
-        return
-    free = ~cable.model.held_mask()[-1]
-    along = bspline.greville(cable.model.knots) / cable.model.knots[-1]
-    cable.x[-1][free] += TWIST_NUDGE * np.sin(2.0 * along + 0.5)[free]
-
-
 def _relative_movement(cable: Cable, before: Array) -> float:
     """Largest movement from configuration `before`, relative to the length or 1 rad."""
     moved = np.abs(cable.x - before).max(axis=1)
@@ -653,24 +721,21 @@ def _relative_movement(cable: Cable, before: Array) -> float:
     return float(max(moved[:dim].max() / cable.model.knots[-1], moved[dim:].max(initial=0.0)))
 
 
-def _time_scale(scene: Scene) -> float:
-    """1 / hypot of the rates sqrt(g / L) and sqrt(EI / mu) / L^2 [s], at most LONGEST."""
-    cable = scene.cable
-    bending = np.sqrt(cable.EI / cable.mu) / cable.length**2
-    swinging = np.sqrt(math.hypot(*scene.gravity) / cable.length)
-    return 1.0 / max(float(np.hypot(bending, swinging)), 1.0 / LONGEST)
-
-
 class _Search:
-    """The spatial rows of one search.
+    """The steps of one search: of the spatial lines, or with `twist` of all lines together.
 
     Attributes:
         patient: pseudo-time [s^2] of steps that see the whole stiffness: the cable falls by many
             times its length meanwhile.
     """
 
-    def __init__(self, cable: Cable) -> None:
+    def __init__(self, cable: Cable, twist: bool, rolls: bool) -> None:
         self._cable, model = cable, cable.model
+        self._twist, self._rolls = twist, rolls
+        # Of a step with twist the frames are known to a few per cent where a span bends sharply.
+        self._converged, self._exact = (LOOSE, TOLERANCE) if twist else (CONVERGED, EXACT)
+        self._held_angles = cable.x[-1].copy()
+        self._torsional = float(cable.arrays.physics.GJ)
         self._dim = len(model.axes)
         self._length = float(model.knots[-1])
         self._spans = np.arange(model.n - bspline.DEGREE)[:, None] + np.arange(bspline.ACTIVE)
@@ -701,39 +766,60 @@ class _Search:
     def step(self, pseudo: float) -> tuple[int, float]:
         """One backward Euler step in place; iterations (0: not converged) and the largest move.
 
-        The move is a share of the length.
+        The move is a share of the length, or an angle [rad].
         """
         dim = self._dim
         x, state = self._cable.x, self._cable.state.copy()
-        before = x.copy()
+        before, sum_ = x[:dim].copy(), np.zeros_like(x)
         tangents = self._tangents()
         stress = lead = self._stress(tangents)
         for iteration in range(1, MAX_ITERATIONS + 1):
-            change = self._correction(before, pseudo, lead - stress)
+            change = self._correction(sum_, pseudo, lead - stress)
             if change is None:
                 break
-            x[:dim] += change
-            moved = np.abs(x[:dim] - before[:dim]).max()
-            largest = np.abs(change).max()
-            if not moved < 1e3 * self._length:
+            x[: len(change)] += change
+            sum_[: len(change)] += change
+            sum_[:dim] = x[:dim] - before
+            moved, largest = self._size(sum_), self._size(change)
+            if not moved < 1e3:
                 break
+            self._follow()
             before_it, tangents = tangents, self._tangents()
             lead = stress + self._predicted(before_it, tangents - before_it)
             stress = self._stress(tangents)
-            if largest <= CONVERGED * moved or largest < 1e-12 * self._length:
-                return iteration, float(moved / self._length)
+            if largest <= self._converged * moved or largest < self._exact:
+                return iteration, moved
         # The frames, too, which may hold no numbers where the correction was far too large.
         self._cable.state[:] = state
         return 0, 0.0
 
+    def _size(self, change: Array) -> float:
+        """Largest change, as a share of the length or in radians."""
+        dim = self._dim
+        angle = np.abs(change[dim:]).max(initial=0.0)
+        return float(max(np.abs(change[:dim]).max() / self._length, angle))
+
+    def _follow(self) -> None:
+        """Let frames and natural shape follow the present shape; without twist, at fixed angles."""
+        if self._twist:
+            anchors = self._cable.anchors.copy()
+            self._cable.follow_shape()
+            if self._rolls:
+                self._cable.anchors[:] = anchors
+                self._cable.frame_turn[:] = 0.0
+        else:
+            self._cable.follow()
+            self._cable.open_frame()
+
     def stable(self) -> bool:
         """Whether the stiffness of the present shape is positive, up to round-off. That of a cable
-        with a natural shape at fixed twist says little: `_in_turn` tries it.
+        with a natural shape at fixed twist says little.
         """
-        if self._cable.model.has(MATERIAL):
+        if self._cable.model.has(MATERIAL) and not self._twist:
             return True
         nothing = np.zeros(self._dyads.shape[:2])
-        return self._correction(self._cable.x, STEADY * self.patient, nothing) is not None
+        still = np.zeros_like(self._cable.x)
+        return self._correction(still, STEADY * self.patient, nothing) is not None
 
     def _tangents(self) -> Array:
         """r' at the samples of every span, shape (spans, samples, dim)."""
@@ -761,21 +847,21 @@ class _Search:
         slope = (self._shares * self._xi * strain).sum(axis=1, keepdims=True)
         return np.asarray(mean + self._linear * self._xi * slope)
 
-    def _correction(self, before: Array, pseudo: float, extra: Array) -> Array | None:
-        """Newton correction of the spatial lines, shape (dim, n); None where it leads uphill."""
+    def _correction(self, moved: Array, pseudo: float, extra: Array) -> Array | None:
+        """Newton correction, of the spatial lines (dim, n), or with twist of all; None where it
+        leads uphill.
+
+        Args:
+            moved: in this step so far, shape (lines, n); of the twist, against the material.
+        """
         cable, dim = self._cable, self._dim
-        n, x = cable.model.n, cable.x
-        cable.follow()
-        cable.open_frame()  # the shape is found without twist
-        force = cable.forces()
-        band = cable.stiffness()
-        if cable.loads.size and cable.loads[:, 3:6].any():
-            cable.add_moment_stiffness()
+        n = cable.model.n
+        force, band = cable.forces(), self._elastic_stiffness()
         half = 4 * dim - 1
         blocks = 2.0 * np.einsum("sj,sjab->sab", extra, self._dyads)
         inertia = cable.model.mass(0)
-        moved = np.stack([mass.multiply(inertia, x[d] - before[d]) for d in range(dim)], axis=1)
-        unknowns = (force[:dim].T - moved / pseudo).ravel()
+        resisted = np.stack([mass.multiply(inertia, line) for line in moved[:dim]], axis=1)
+        unknowns = (force[:dim].T - resisted / pseudo).ravel()
         # Row i dim + d of the matrix belongs to coordinate d of control point i.
         by_point = band.reshape(n, dim, -1)
         for i in range(4):
@@ -786,6 +872,103 @@ class _Search:
             by_point[: n - k, :, half + k * dim] += diagonal
             if k:
                 by_point[k:, :, half - k * dim] += diagonal
+        if self._twist:
+            return self._with_twist(by_point, force, unknowns, moved[dim], pseudo)
         if cable.solve_held(unknowns) != 0 or not np.isfinite(unknowns).all():
             return None
         return unknowns.reshape(n, dim).T
+
+    def _elastic_stiffness(self) -> Array:
+        """The band matrix of the spatial lines; with twist, without what `_coupling` has."""
+        cable = self._cable
+        if not self._twist:
+            band = cable.stiffness()
+            if cable.loads.size and cable.loads[:, 3:6].any():
+                cable.add_moment_stiffness()
+            return band
+        state = cable.arrays.state
+        kept = state.natural.copy(), state.plastic.copy()
+        state.natural[:] = state.plastic[:] = 0.0
+        band = cable.stiffness()
+        state.natural[:], state.plastic[:] = kept
+        return band
+
+    def _coupling(self) -> Array:
+        """Minus the derivatives of `Cable.twist_forces` by all lines, as central differences, shape
+        (7, lines, lines, n): [o, e, d, i] is that of the force on line e of control point i by line
+        d of control point i + o - 3. A point acts on no others.
+        """
+        cable, x = self._cable, self._cable.x
+        n, reach = cable.model.n, bspline.DEGREE
+        steps = np.full(len(x), SMALL * self._length / (n - reach))
+        steps[self._dim :] = SMALL
+        colours = 2 * reach + 1
+        slopes = np.zeros((colours, len(x), len(x), n))
+        for colour in range(colours):
+            for d, small in enumerate(steps):
+                there, ahead = x[d, colour::colours].copy(), np.zeros_like(x)
+                for side in (1.0, -1.0):
+                    x[d, colour::colours] = there + side * small
+                    ahead -= side * cable.twist_forces(by_frame=False)
+                x[d, colour::colours] = there
+                slopes[colour, d] = ahead / (2.0 * small)
+        out = np.zeros_like(slopes)
+        for o in range(colours):
+            i = np.arange(max(0, reach - o), min(n, n + reach - o))
+            out[o, :, :, i] = slopes[(i + o - reach) % colours, :, :, i].transpose(0, 2, 1)
+        return out
+
+    def _with_twist(
+        self, by_point: Array, force: Array, unknowns: Array, turned: Array, pseudo: float
+    ) -> Array | None:
+        """Newton correction of all lines, of which the twist is that against the material: the
+        Bishop frame turns with the shape. The shape is eliminated.
+        """
+        cable, dim, model = self._cable, self._dim, self._cable.model
+        n, half = model.n, 4 * dim - 1
+        between = self._coupling()
+        on_shape, on_twist = np.zeros((n, n * dim)), np.zeros((n, n * dim))  # by twist, by shape
+        inertia = model.mass(0) * (SPIN * self._length) ** 2 / pseudo
+        matrix = mass.dense(model.twisting_stiffness + inertia)
+        for o in range(2 * bspline.DEGREE + 1):
+            i = np.arange(max(0, bspline.DEGREE - o), min(n, n + bspline.DEGREE - o))
+            j = i + o - bspline.DEGREE
+            matrix[i, j] += between[o, dim, dim, i]
+            for e in range(dim):
+                on_shape[j, i * dim + e] = between[o, e, dim, i]
+                on_twist[i, j * dim + e] = between[o, dim, e, i]
+                for d in range(dim):
+                    column = half + (o - bspline.DEGREE) * dim + d - e
+                    by_point[i, e, column] += between[o, e, d, i]
+        sides = np.concatenate([unknowns[None], -on_shape])
+        if cable.solve_held(sides) != 0 or not np.isfinite(sides).all():
+            return None
+        alone, by_twist = sides[0], sides[1:]
+        matrix += np.einsum("ia,ka->ik", on_twist, by_twist)
+        rest = force[dim] - mass.multiply(inertia, turned) - (on_twist * alone).sum(axis=1)
+        held = model.held_mask()[-1]
+        for k in np.flatnonzero(held):
+            frame = self._frame_turn(int(k)) if self._rolls else np.zeros(n * dim)
+            matrix[k] = (by_twist * frame).sum(axis=1)
+            matrix[k, k] += 1.0
+            rest[k] = -(frame * alone).sum()
+            if self._rolls:
+                rest[k] += self._held_angles[k] - cable.x[dim, k]
+        order = np.argsort(held, kind="stable")  # what is held last: the pivots before are of K
+        turn, pivots = elimination.solve(matrix[np.ix_(order, order)], rest[order])
+        if pivots[: n - held.sum()].min(initial=1.0) <= 0.0:
+            return None
+        turn[order] = turn.copy()
+        change = (alone + (turn[:, None] * by_twist).sum(axis=0)).reshape(n, dim).T
+        return np.concatenate([change, turn[None]])
+
+    def _frame_turn(self, k: int) -> Array:
+        """Derivative of the angle of the Bishop frame at control point k by the shape, (n dim,)."""
+        cable, dim = self._cable, self._dim
+        u, kept = bspline.greville(cable.model.knots), cable.x[dim].copy()
+        forces = []
+        for share in (0.0, 1.0):
+            cable.x[dim] = share * np.minimum(u, u[k]) / self._torsional
+            forces.append(cable.twist_forces(by_frame=True)[:dim])
+        cable.x[dim] = kept
+        return (forces[0] - forces[1]).T.ravel()

@@ -29,7 +29,7 @@ GUARD_STEPS = 16  # explicit steps between two checks of the energy
 GROSS_SHARE = 1.0  # of the energy exchanged: states with a larger energy error are never shown
 SOUND_SHARE = 0.1  # of the energy exchanged: largest energy error from which steps are retried
 RETRIES = (2, 4, 8, 16, 32, 64)  # numbers of smaller steps that replace a failed one
-_STATUS = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED, Status.PASSED)
+_STATUS = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)
 _NO_MOTIONS = np.zeros((0, 0, 0)), np.zeros((0, 0, 0, 0)), np.zeros((0, 0))
 _FAMILIES = {
     SPLITTING: arrays.SPLITTING,
@@ -175,9 +175,7 @@ class Stepper:
             Whether it succeeded, and the force evaluations or Newton iterations used.
         """
         helps = IMPLICIT if status is Status.DIVERGED else CONSTRAINED
-        if (
-            self.method.family != helps and status is not Status.PASSED
-        ) or self._cable.share_open() > SOUND_SHARE:
+        if self.method.family != helps or self._cable.share_open() > SOUND_SHARE:
             return False, 0
         self._kept[:] = self._cable.state
         sample, evaluations = recorder.count, 0

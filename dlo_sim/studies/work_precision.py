@@ -127,6 +127,7 @@ def chain() -> Case:
             "end.position": [float(np.sin(angle)), 0.0, -float(np.cos(angle))],
             "initial.shape": "straight",
             "terms.twist": "off",
+            "terms.out_of_plane": "off",
         }
     )
     job = Job(scene, 2.0, (0.5, 1.0))
@@ -144,7 +145,7 @@ def all_cases(quick: bool) -> list[Case]:
 def _clamped(
     length: float, diameter: float, density: float, modulus: float, **more: object
 ) -> Scene:
-    """A straight round cable along x, clamped at its start."""
+    """A straight round cable along x, clamped at its start, that is kept in the xz plane."""
     values = {
         "cable.length": length,
         "cable.diameter": diameter,
@@ -156,6 +157,7 @@ def _clamped(
         "start.tangent": [1.0, 0.0, 0.0],
         "end.position": [length, 0.0, 0.0],
         "terms.twist": "off",
+        "terms.out_of_plane": "off",
     }
     return scene_from_values(values | more)
 

@@ -224,31 +224,39 @@ def _checked(found: dict[str, Array]) -> dict[str, Array]:
     if not np.all(np.diff(time) > 0.0):
         raise ValueError(f"time: needs to rise, got {arguments.given(time.tolist())}")
     line = arguments.numbers("centerline", found["centerline"], (len(time), None, 3), "m")
+    triangles, points, looks = (
+        np.shape(found.get(name, ()))[:1]
+        for name in ("obstacle_triangles", "contact_points", "contact_looks")
+    )
     shapes: dict[str, tuple[int | None, ...]] = {
         "control_points": (len(time), None, 4),
         "tension": line.shape[:2],
         "curvature": line.shape[:2],
         "energy": time.shape,
         "obstacle_triangles": (None, 3, 3),
-        "obstacle_of": (None,),
+        "obstacle_of": triangles,
         "obstacle_poses": (len(time), None, 7),
         "contact_points": (None, 3),
-        "contact_forces": (None, 3),
-        "contact_samples": (None,),
+        "contact_forces": (*points, 3),
+        "contact_samples": points,
         "contact_looks": (None,),
-        "contact_total": np.shape(found.get("contact_looks", 0.0)),
+        "contact_total": looks,
     }
     checked = {"time": time, "centerline": line}
     for name, shape in shapes.items():
         if name in found:
             checked[name] = arguments.numbers(name, found[name], shape)
-    looks = checked.get("contact_looks", np.zeros(0))
-    if not np.isin(looks, np.arange(len(time))).all():
-        raise ValueError(f"contact_looks: needs numbers of the {len(time)} samples, got {looks}")
+    known = checked.get("contact_looks", np.zeros(1))
+    rises = np.isin(known, np.arange(len(time))).all() and np.all(np.diff(known) > 0.0)
+    if not (rises and len(known) and known[0] == 0.0):
+        raise ValueError(
+            f"contact_looks: needs rising numbers of the {len(time)} samples from 0 on, got "
+            + arguments.given(known.tolist())
+        )
     if "contact_clearance" in found:  # infinite where the cable is far from itself
         clearance = found["contact_clearance"]
         finite = np.where(clearance == np.inf, 0.0, clearance)
-        arguments.numbers("contact_clearance", finite, looks.shape)
+        arguments.numbers("contact_clearance", finite, looks)
     for name, array in checked.items():
         if np.abs(array).max(initial=0.0) > _LARGEST:
             raise ValueError(f"{name}: needs numbers up to {_LARGEST:g}, got {np.abs(array).max()}")

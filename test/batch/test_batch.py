@@ -19,7 +19,7 @@ def alone(scene, duration, start=None):
     sim = Simulator(scene)
     if start is not None:
         sim.start_from(*start)
-    assert sim.advance_steps(round(duration / sim.step)).status.ok
+    assert sim.advance_steps(round(duration / sim.step)).status.advanced
     return sim
 
 

@@ -13,10 +13,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import solids
 from batch_scenes import STEP, wire
 
-from dlo_sim.batch import simulate_batch, workers
+from dlo_sim import Simulator
+from dlo_sim.batch import forecast_batch, simulate_batch, workers
 from dlo_sim.batch.workers import WorkerLost, WorkersError, open_workers
+from dlo_sim.scene.loading import load_scene
+from dlo_sim.simulation.forecast import Plan
+from dlo_sim.simulation.meshes import keep_triangles
 
 SOON = 60.0  # [s]
 SCENES = [wire(k) for k in range(9)]
@@ -39,9 +44,23 @@ def same(result, other):
 
 
 def test_processes_give_the_same_numbers(here):
+    scene = load_scene("table", {"obstacles.names": ["body"]} | body_of(solids.box(2.0, 1.0, 0.04)))
+    simulator = Simulator(scene)
+    plan = Plan(np.array([0.0, 0.01]), {})
     with open_workers(processes=2) as crew:
         assert crew.count == 2
         assert same(simulate_batch(SCENES, 100 * STEP, every=10 * STEP, workers=crew), here)
+        other = simulate_batch([scene, scene], 0.01, workers=crew)
+        (shape,) = forecast_batch(simulator, [plan], 0.01, workers=crew)
+    simulator.advance(0.01)
+    np.testing.assert_array_equal(other.control_points[1, -1], simulator.control_points)
+    np.testing.assert_array_equal(shape.control_points[-1], simulator.control_points)
+
+
+def body_of(triangles):
+    """Values of an obstacle below the cable whose triangles this process keeps."""
+    mesh = {"shape": "mesh", "mesh": keep_triangles(triangles), "position": [0.4, 0.0, -0.02]}
+    return {f"obstacles.body.{key}": value for key, value in mesh.items()}
 
 
 @pytest.mark.parametrize("broken_off", [False, True])

@@ -10,7 +10,7 @@ from dlo_sim.compiling.groups import grid, load, store
 from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, piece
 from dlo_sim.core import bspline, spectrum
 from dlo_sim.engine import contact
-from dlo_sim.engine.arrays import CONTACT, cable_at
+from dlo_sim.engine.arrays import CONTACT, TOUCHING, cable_at
 from dlo_sim.engine.band import clear_band
 from dlo_sim.engine.grasps import ACTIVE, DURATION, POSITION, TURN
 from dlo_sim.simulation import obstacles
@@ -46,21 +46,23 @@ def step_force(address, x0, x1, out):
     cable = cable_at(address)
     contact.begin(cable, 0.0, TAU, 1.0, grid(x0))
     lines = grid(x0), grid(x1), grid(out)
-    return contact.add_force(cable, 1.0, 1.0 / TAU, np.inf, True, False, *lines)[:5]
+    return contact.add_force(cable, True, False, *lines)[:5]
 
 
 @piece(void, int64, ARRAY_2D, ARRAY_2D, terms=CONTACT)
 def step_tangent(address, x0, x1):
     cable = cable_at(address)
     clear_band(cable.work.band)
-    contact.add_tangent(cable, 1.0 / TAU, True, grid(x0), grid(x1), 1.0, cable.work.band)
+    contact.add_tangent(cable, True, grid(x0), grid(x1), 1.0, cable.work.band)
 
 
 @piece(void, int64, ARRAY, terms=CONTACT)
 def end_step(address, out):
     cable = cable_at(address)
     contact.keep_bristles(cable)
-    out[0] = contact.contact_energy(cable, cable.state.x)
+    cable.work.energies[TOUCHING] = 0.0
+    contact.energy(cable, cable.state.x, cable.work.energies)
+    out[0] = cable.work.energies[TOUCHING]
 
 
 class Step(Bench):

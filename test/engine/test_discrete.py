@@ -60,6 +60,7 @@ class Between(Bench):
 
 
 PLANE = FLAT | {
+    "terms.out_of_plane": "off",
     "cable.length": 1.0,
     "cable.diameter": 0.02,
     "cable.linear_density": 0.1,

@@ -10,11 +10,12 @@ PLANES = {0: [0.0, 0.8, 0.6], 1: [0.8, 0.0, 0.6], 2: [0.6, 0.8, 0.0]}
 
 
 def values(normal):
-    """A scene that stays in the plane, with every term that a plane admits."""
+    """A scene that is kept in a plane, with every term that a plane admits."""
     along = np.array(PLANES[normal])
     axis = np.eye(3)[normal]
     across = np.cross(axis, along)
     return SOFT | {
+        "terms.out_of_plane": "off",
         "end.position": list(along),
         "end.spring": [0.0 if d == normal else 20.0 + d for d in range(3)],
         "gravity": list(-9.81 * across),

@@ -14,15 +14,18 @@ from pathlib import Path
 import rclpy
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rosbags.rosbag2 import Reader
+from visualization_msgs.msg import MarkerArray
 
-_TYPES = {
-    "geometry_msgs/msg/PoseStamped": PoseStamped,
-    "geometry_msgs/msg/WrenchStamped": WrenchStamped,
-}
 _STAMP = struct.Struct("<iI")
-_STAMP_AT = 4  # behind the encapsulation header
+# Type, where its first stamp is, behind the encapsulation header and the length of a list, and how
+# it is published.
+_KINDS = {
+    "geometry_msgs/msg/PoseStamped": (PoseStamped, 4, qos_profile_sensor_data),
+    "geometry_msgs/msg/WrenchStamped": (WrenchStamped, 4, qos_profile_sensor_data),
+    "visualization_msgs/msg/MarkerArray": (MarkerArray, 8, QoSProfile(depth=100)),
+}
 
 
 def main() -> None:
@@ -33,7 +36,7 @@ def main() -> None:
     rclpy.init()
     node = Node("bag_player")
     publishers = {
-        topic: node.create_publisher(_TYPES[kind], topic, qos_profile_sensor_data)
+        topic: node.create_publisher(_KINDS[kind][0], topic, _KINDS[kind][2])
         for topic, kind in types.items()
     }
     while not all(p.get_subscription_count() for p in publishers.values()):
@@ -41,9 +44,10 @@ def main() -> None:
     print("ready", flush=True)
     shift = int(sys.stdin.readline())
     for topic, time_ns, raw in messages:
-        seconds, nanoseconds = _STAMP.unpack_from(raw, _STAMP_AT)
+        stamp_at = _KINDS[types[topic]][1]
+        seconds, nanoseconds = _STAMP.unpack_from(raw, stamp_at)
         moved = divmod(seconds * 1_000_000_000 + nanoseconds + shift, 1_000_000_000)
-        _STAMP.pack_into(raw, _STAMP_AT, *moved)
+        _STAMP.pack_into(raw, stamp_at, *moved)
         wait = (time_ns + shift - time.time_ns()) * 1e-9
         if wait > 0.0:
             time.sleep(wait)

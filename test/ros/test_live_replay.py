@@ -15,7 +15,9 @@ the sequence numbers of the transport, are never accepted.
 from __future__ import annotations
 
 import bisect
+import heapq
 import math
+import operator
 import os
 import struct
 import subprocess
@@ -26,6 +28,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import solids
+from marker_arrays import array, marker
 
 pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
@@ -39,6 +43,7 @@ from dlo_sim.replay.replay import replay_bag
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import load_scene, scene_from_values, scene_values
 from dlo_sim.session.cdr import (
+    MARKER_ARRAY,
     POSE_STAMPED,
     WRENCH_STAMPED,
     StampedEncoder,
@@ -116,6 +121,24 @@ def three_hands(seconds: float) -> Iterable[Message]:
             place = (0.14 + 0.33 * hand, 0.05 * math.sin(4.0 * s), 0.06 * math.sin(6.0 * s))
             data = pose.encode(stamp, (*place, 0.0, 0.0, math.sin(half), math.cos(half)))
             yield f"/{name}", POSE_STAMPED, stamp + 300_000 + hand, data
+
+
+SEEN = {**DRIVEN, "contact.markers": 4, "accuracy.estimate": "off"}
+
+
+def hulls(seconds: float) -> Iterable[Message]:
+    """The same gripper, over four bodies of triangles that look different at 10 Hz."""
+    body = solids.sphere(0.1, 4)
+    seen = []
+    for k in range(int(seconds * 10)):
+        stamp = BEGIN + k * SECOND // 10
+        shapes = (body * (1.0 + 0.02 * math.sin(0.7 * k + n)) for n in range(4))
+        markers = (
+            marker(n, (0.3 * n - 0.5, 0.0, -0.6), (1.0,) * 3, 11, points=shape.reshape(-1, 3))
+            for n, shape in enumerate(shapes)
+        )
+        seen.append(("/dlo_sim/obstacles", MARKER_ARRAY, stamp + 700_000, array(stamp, *markers)))
+    return heapq.merge(motion(seconds), seen, key=operator.itemgetter(2))
 
 
 def repeated(source: Path, topics: set[str], seconds: float) -> Iterable[Message]:
@@ -358,6 +381,14 @@ def test_generated_motion(
 ) -> None:
     bag = write_bag(tmp_path / "bag", motion(SECONDS))
     compare(bag, scene_from_values(DRIVEN), tmp_path, domain, peer, started)
+
+
+@pytest.mark.slow
+def test_hulls_at_10_hz(
+    tmp_path: Path, domain: int, peer: Peer, started: Callable[..., NodeProcess]
+) -> None:
+    bag = write_bag(tmp_path / "hulls", hulls(SECONDS))
+    compare(bag, scene_from_values(SEEN), tmp_path, domain, peer, started)
 
 
 @pytest.mark.slow

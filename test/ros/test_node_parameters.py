@@ -94,7 +94,7 @@ def test_every_parameter_is_described(peer: Peer) -> None:
         assert all(str(choice) in found.additional_constraints for choice in row.choices)
         if row.kind == "double":
             (limits,) = found.floating_point_range
-            low = row.low if row.auto is None else row.auto
+            low = row.low if row.auto is None else min(row.low, row.auto)
             assert (limits.from_value, limits.to_value) == (low, row.high)
         if row.kind == "integer":
             (limits,) = found.integer_range

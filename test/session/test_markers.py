@@ -2,6 +2,8 @@
 
 import math
 import re
+import threading
+from concurrent.futures import Future
 
 import numpy as np
 import pytest
@@ -11,11 +13,12 @@ from session_bench import MS, SECOND, T0
 from dlo_sim.compiling.pieces import Piece
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.scene.loading import scene_from_values
-from dlo_sim.session import cdr
+from dlo_sim.session import cdr, markers
 from dlo_sim.session.diagnostics import Refused
 from dlo_sim.session.intake import Transform
 from dlo_sim.session.saved_state import load_state, save_state
 from dlo_sim.session.session import Session
+from dlo_sim.simulation import meshes
 from dlo_sim.simulation.obstacles import surface
 
 TOPIC = "/dlo_sim/obstacles"
@@ -45,6 +48,12 @@ CORNERS = 1e3 * surface(Obstacle("plate", "box", (0.8, 0.2, 0.02))).reshape(-1, 
 def plate(number=0, position=TOP, scale=(1.0, 1.0, 0.02), kind=cdr.CUBE, **changes):
     """A marker; by default a plate 2 cm below the cable."""
     return marker(number, position, scale, kind, **changes)
+
+
+def mesh_of(scale, stretch=1.0):
+    """The changes that make it one of triangles in a unit of `scale` [m], `stretch` as long."""
+    points = CORNERS * [stretch, 1.0, 1.0]
+    return {"kind": cdr.TRIANGLE_LIST, "scale": (scale,) * 3, "points": points}
 
 
 def run(session, messages, seconds, begin=0.0, period=5 * MS):
@@ -184,6 +193,11 @@ def test_they_live_as_long_as_they_say_and_go_all_at_once():
     other = plate(0, (0.0, 0.9, 0.0), ns="other")
     run(session, [(0.6, other, plate(7, ns="cell", action=cdr.DELETE_ALL))], 0.7, begin=0.6)
     assert [one.name for one in session.simulator.scene.added] == ["other/0"]
+    renewed = plate(0, (0.0, 0.9, 0.0), ns="other", lifetime=0.1)
+    run(session, [(0.7, plate(action=cdr.DELETE_ALL, ns=""), renewed)], 0.84, begin=0.7)
+    assert [one.name for one in session.simulator.scene.added] == ["other/0"]
+    run(session, [], 0.9, begin=0.84)
+    assert not session.simulator.scene.added
 
 
 @pytest.mark.parametrize(
@@ -191,7 +205,9 @@ def test_they_live_as_long_as_they_say_and_go_all_at_once():
     [
         ("bad_marker", "scale .* of a sphere that is not round", {"kind": cdr.SPHERE}),
         ("bad_marker", "of a cylinder that is not round", {"kind": 3, "scale": (0.1, 0.2, 0.1)}),
-        ("bad_marker", r"scale \[0, 1, 1\]; give lengths above 0 m", {"scale": (0.0, 1.0, 1.0)}),
+        ("bad_marker", r"scale \[0, 1, 1\]; give lengths of 1e-09", {"scale": (0.0, 1.0, 1.0)}),
+        ("bad_marker", r"scale .*; give lengths of 1e-09 to", {"scale": (5e-324, 1.0, 1.0)}),
+        ("bad_marker", "lifetime -1 s; give 0 for one that stays", {"lifetime": -1.0}),
         ("bad_marker", "type 9 is no obstacle; give CUBE", {"kind": 9}),
         ("bad_marker", "0 points; give three for each of 4 to 1000", {"kind": cdr.TRIANGLE_LIST}),
         (
@@ -199,6 +215,10 @@ def test_they_live_as_long_as_they_say_and_go_all_at_once():
             "is not closed",
             {"kind": cdr.TRIANGLE_LIST, "points": np.tile(CORNERS[:3], (5, 1))},
         ),
+        ("bad_marker", "a mesh of 0.0002 m is a crumb beside a cable 0.006 m", mesh_of(2.5e-7)),
+        ("bad_marker", "a mesh of 8e-298 m is a crumb beside a cable 0.006 m", mesh_of(1e-300)),
+        ("bad_marker", "has no extent", mesh_of(5e-324)),
+        ("bad_marker", "a corner is more than 1e+06 m away; check", mesh_of(1e5)),
         ("bad_marker", "action 7; give ADD", {"action": 7}),
         ("bad_marker", "namespace of 302 letters", {"ns": "a" * 300}),
         ("not_finite", "nan", {"position": (0.0, math.nan, 0.0)}),
@@ -319,3 +339,152 @@ def test_no_tick_loads_code_when_the_first_one_comes(monkeypatch):
             session.messages(["~/contacts"], ["~/contacts"])
             session.diagnostics(T0 + SECOND)
         assert not session.simulator.scene.bodies
+
+
+class AtOnce:
+    """An executor that makes everything when it is told to."""
+
+    def __init__(self, *_):
+        pass
+
+    def submit(self, make, *arguments):
+        future = Future()
+        future.set_result(make(*arguments))
+        return future
+
+
+@pytest.fixture
+def slowly(monkeypatch):
+    """Fields that take five times as long, or 0.1 s."""
+    monkeypatch.setattr(meshes, "TIME_OF_VALUE", 1e-5)
+
+
+def stretched(time, number):
+    """Share by which plate `number` of triangles is longer in the message of this time [s]."""
+    return 1.0 + 0.01 * math.sin(9.0 * time + number)
+
+
+def hulls(begin, end, period, count=2):
+    """Plates side by side below the cable, whose triangles differ in each message."""
+    return [
+        (
+            t,
+            *(
+                plate(k, (0.0, 0.3 * k, -0.03), **mesh_of(1e-3, stretched(t, k)))
+                for k in range(count)
+            ),
+        )
+        for t in np.arange(begin, end, period).tolist()
+    ]
+
+
+def length(session, name):
+    (found,) = [one for one in session.simulator.scene.added if one.name == name]
+    return found.size[0]
+
+
+def test_meshes_act_at_times_that_the_stamps_decide(monkeypatch, slowly):
+    """Live and in a replay, however it ticks; the rest of their messages acts at once."""
+    told = [*hulls(0.0, 0.3, 0.1), (0.11, plate(2, (0.1, 0.03, -0.005), (0.03,) * 3, cdr.SPHERE))]
+    replayed = session_of()
+    first = run(replayed, told, 0.6)
+    second = run(session_of(), told, 0.6, period=20 * MS)
+    monkeypatch.setattr(markers, "ThreadPoolExecutor", AtOnce)
+    live = Session(scene_from_values(LYING), live=True)
+    third = run(live, told, 0.6)
+    assert first == third and second.items() <= first.items() and len(second) > 20
+    assert len(replayed.simulator.scene.added) == 3
+    assert not live.journal.events["late"] and not live.journal.events["too_many"]
+
+
+def test_a_mesh_that_is_made_within_the_latency_is_there_at_its_stamp():
+    session = session_of()
+    run(session, [(0.1, plate(0, (0.0, 0.5, 0.0), **mesh_of(1e-3)))], 0.155)
+    assert not session.simulator.scene.added
+    run(session, [], 0.16, begin=0.155)
+    assert [one.shape for one in session.simulator.scene.added] == ["mesh"]
+
+
+def test_no_tick_waits_for_a_mesh(monkeypatch):
+    """One that is made too late acts then, and it is said."""
+    made, field_of = threading.Event(), meshes.field_of
+    monkeypatch.setattr(meshes, "field_of", lambda *known: made.wait(60) and field_of(*known))
+    session = Session(scene_from_values(LYING), live=True)
+    mesh = plate(0, **mesh_of(1e-3))
+    run(session, [(0.0, mesh, plate(2, (0.0, 0.9, 0.0))), (0.1, plate(1, (0.0, 0.5, 0.0)))], 0.5)
+    assert session.simulator.time == pytest.approx(0.495)
+    assert [one.name for one in session.simulator.scene.added] == ["cell/2", "cell/1"]
+    assert not session.journal.events["late"]
+    made.set()
+    for field in session._drive.surroundings._fields.values():
+        field.result()
+    run(session, [], 0.6, begin=0.5)
+    assert [one.shape for one in session.simulator.scene.added] == ["box", "box", "mesh"]
+    assert session.journal.events["late"] == 1
+    assert re.match(r"meshes of markers were made 0\.\d+ s too late", session.journal.last_event)
+
+
+def test_of_meshes_that_come_faster_than_they_are_made_the_newest_count(slowly):
+    """Those before are shed and counted, and no obstacle is left behind."""
+    session, told = session_of(), hulls(0.0, 0.3, 0.01, count=3)
+    run(session, told, 1.0)
+    for k in range(3):
+        wanted = 0.8 * stretched(told[-1][0], k)
+        assert length(session, f"cell/{k}") == pytest.approx(wanted, rel=1e-9)
+    assert session.journal.events["too_many"] > 30
+    assert "a newer mesh came before the last one was made" in session.journal.last_event
+
+
+def test_what_was_there_stays_until_the_meshes_that_replace_it_are_made(slowly):
+    """As of a camera that deletes everything and publishes all it sees under other names."""
+    session = session_of()
+    run(session, [(0.0, plate(7))], 0.3)
+    seen = 0.3, plate(action=cdr.DELETE_ALL), plate(8, **mesh_of(1e-3)), plate(9, (0.0, 0.5, 0.0))
+    names = {}
+    for k in range(40):
+        begin = 0.3 + 5e-3 * k
+        run(session, [seen] if k == 0 else [], begin + 5e-3, begin=begin)
+        names[tuple(one.name for one in session.simulator.scene.added)] = None
+    assert list(names) == [("cell/7",), ("cell/7", "cell/9"), ("cell/9", "cell/8")]
+
+
+def test_a_mesh_that_waits_can_be_taken_back(slowly):
+    """By a removal, by another shape, and by the end of its life."""
+    session = session_of()
+    waiting = [
+        plate(k, **mesh_of(1e-3, 1.0 - 0.1 * k), lifetime=0.005 * (k == 2)) for k in range(3)
+    ]
+    told = [(0.0, *waiting), (0.005, plate(0, action=cdr.DELETE), plate(1, (0.0, 0.5, 0.0)))]
+    run(session, told, 0.5)
+    assert [(one.name, one.shape) for one in session.simulator.scene.added] == [("cell/1", "box")]
+
+
+def test_no_field_is_made_again_for_a_change(monkeypatch):
+    """Of more meshes than are kept for nobody."""
+    session = Session(scene_from_values(LYING | {"contact.markers": 22}))
+    told = [plate(k, (0.0, 0.5 + k, 0.0), **mesh_of(1e-3, 1.0 + 0.01 * k)) for k in range(20)]
+    run(session, [(0.0, *told)], 2.0, period=100 * MS)
+    assert len(session.simulator.scene.added) == 20
+    make = meshes._made
+    monkeypatch.setattr(
+        meshes,
+        "_made",
+        lambda body, cells, radius: (
+            pytest.fail("made again") if cells == markers._CELLS else make(body, cells, radius)
+        ),  # that of the box with which code is loaded ahead
+    )
+    run(session, [(2.0, plate(20, (0.0, -0.5, 0.0)))], 2.2, begin=2.0)
+    changed = session.scene.with_values({"damping.mass": 2.0})
+    session.reconfigure(changed, session.prepare(changed))
+    assert len(session.simulator.scene.added) == 21
+
+
+def test_meshes_that_come_in_a_pause_are_not_kept():
+    session = session_of()
+    run(session, [(0.0, plate(0, (0.0, 0.5, 0.0)))], 0.1)
+    session.pause(True)
+    run(session, hulls(0.1, 0.6, 0.01), 0.7, begin=0.1)
+    assert len(session._drive.surroundings._fields) <= 3 + 2  # contact.markers, and one message
+    session.pause(False)
+    run(session, [], 1.0, begin=0.7)
+    assert [one.shape for one in session.simulator.scene.added] == ["mesh", "mesh"]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from session_bench import MS, SECOND, T0
 
+from dlo_sim.scene.description import Obstacle
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.session import cdr, saved_state
 from dlo_sim.session.saved_state import load_state, save_state
@@ -220,7 +221,19 @@ HEADS = {
     "less than no steps": lambda head: head.update(steps=-1),
     "no scene": lambda head: head.update(scene=7),
     "no version": lambda head: head.pop("version"),
+    "a reason that is no text": lambda head: head["needs"]["left_out"].update(contact=7),
+    "a term that is none": lambda head: head["needs"]["active"].append("wings"),
+    "an axis twice": lambda head: head["needs"].update(axes=[0, 0]),
+    "no orientation": lambda head: head["geometries"]["start"].__setitem__(1, [0.0] * 4),
+    "no tangent": lambda head: head["geometries"]["end"].__setitem__(3, [0.0] * 3),
+    "a place beyond the cable": lambda head: head["geometries"]["end"].__setitem__(4, 7.0),
+    "an origin beyond all": lambda head: head.update(origin=[1e300, 0.0, 0.0]),
 }
+
+
+def write(path, arrays, head):
+    with path.open("wb") as stream:
+        np.savez(stream, **(arrays | {"head": np.array(json.dumps(head))}))
 
 
 @pytest.mark.parametrize("damage", [halved, holed, *HEADS])
@@ -229,8 +242,7 @@ def test_numbers_that_do_not_fit_are_refused(path, damage):
         arrays = dict(file)
     head = json.loads(str(arrays["head"]))
     HEADS[damage](head) if damage in HEADS else damage(arrays, head)
-    with path.open("wb") as stream:
-        np.savez(stream, **(arrays | {"head": np.array(json.dumps(head))}))
+    write(path, arrays, head)
     with pytest.raises(SceneError, match="is no saved state, or a damaged one; remove the file"):
         load_state(path, SCENE)
 
@@ -252,3 +264,76 @@ def test_write_that_fails_keeps_what_was_there(ran, path, monkeypatch):
         save_state(path, ran.saved)
     assert path.read_bytes() == before
     assert [entry.name for entry in path.parent.iterdir()] == ["state"]
+
+
+def test_a_cable_lowered_onto_a_table_can_be_changed_and_goes_on(tmp_path):
+    """Where its gripper is now, and then where the scene has it, a straight cable would go through
+    the table.
+    """
+    above = {"start.position": [0.0, 0.0, 0.5], "end.position": [0.0, 0.0, 0.1]}
+    table = {"obstacles.names": ["table"], "obstacles.table.shape": "plane"}
+    down = {"start.tangent": [0.0, 0.0, -1.0], "damping.mass": 5.0, "cable.diameter": 0.01}
+    scene = scene_from_values(VALUES | above | table | down)
+    poses = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
+
+    def lower(session, begin_ns, duration_ns, first, last):
+        for now in range(begin_ns, begin_ns + duration_ns, 10 * MS):
+            height = first + (last - first) * (now - begin_ns) / duration_ns
+            session.receive("/pose", poses.encode(now, (0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0)), now)
+            session.tick(now)
+
+    session = Session(scene)
+    lower(session, T0, SECOND, 0.5, 0.2)
+    lower(session, T0 + SECOND, SECOND, 0.2, 0.2)
+    lying = session.simulator.control_points
+    assert (lying[:, 2] > 0.0).all()
+    session.reconfigure(scene.with_values({"damping.mass": 6.0}))
+    np.testing.assert_allclose(session.simulator.control_points, lying, atol=1e-9)
+    raised = {"obstacles.table.position": [0.0, 0.0, 0.11]}  # above where the scene has its end
+    session.reconfigure(session.scene.with_values(raised))
+    lower(session, T0 + 2 * SECOND, SECOND, 0.2, 0.2)
+    lying = session.simulator.control_points
+    save_state(tmp_path / "state", session.saved)
+    again = Session(session.scene, resume=load_state(tmp_path / "state", session.scene)[0])
+    lower(again, T0 + 5 * SECOND, 70 * MS, 0.2, 0.2)
+    assert dict(again.journal.events)["resumed"] == 1
+    np.testing.assert_allclose(again.simulator.control_points, lying, atol=2e-3)
+
+
+@pytest.fixture(scope="module")
+def beside():
+    """A simulator of a scene with markers, of which one has added a box."""
+    sim = Simulator(scene_from_values(VALUES | {"contact.markers": 1}))
+    sim.add_obstacles([Obstacle("boxes/1", "box", (0.1, 0.1, 0.1), (0.2, 3.0, 0.0))])
+    return sim
+
+
+@pytest.mark.parametrize(
+    "wrong", [{}, {"name": 7}, {"name": "start"}, {"size": [0.0, 0.1, 0.1]}, {"friction": "much"}]
+)
+def test_added_obstacles_of_a_state_are_checked(beside, tmp_path, wrong):
+    path = tmp_path / "state"
+    save_state(path, beside.snapshot())
+    with np.load(path) as file:
+        arrays = dict(file)
+    head = json.loads(str(arrays["head"]))
+    head["added"][0].update(wrong)
+    write(path, arrays, head)
+    if not wrong:
+        assert load_state(path, beside.scene)[0].scene.added == beside.scene.added
+        return
+    with pytest.raises(SceneError, match="is no saved state, or a damaged one; remove the file"):
+        load_state(path, beside.scene)
+
+
+@pytest.mark.parametrize("damage", ["count", "number", "height"])
+def test_a_state_that_names_what_is_not_there_is_refused(beside, damage):
+    """Compiled code would read beyond its arrays."""
+    snapshot = beside.snapshot()
+    state = beside.cable.arrays.state
+    {"count": state.near_count, "number": state.near, "height": state.x}[damage][0] = 1e300
+    spoilt = beside.snapshot()
+    beside.restore(snapshot)
+    line = r"state.save_to: nothing goes on from .*; remove the file"
+    with pytest.raises(SceneError, match=line):
+        Session(beside.scene, resume=spoilt)

@@ -6,6 +6,8 @@ of another discretisation, and tries the advice of the report where accuracy.tar
 
     .venv/bin/python test/simulation/everyday_motions.py         # the thirty
     .venv/bin/python test/simulation/everyday_motions.py 40      # and forty drawn by chance
+    .venv/bin/python test/simulation/everyday_motions.py swings  # ninety undamped swings of 10 s
+    .venv/bin/python test/simulation/everyday_motions.py swings velocity_verlet  # by this method
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.simulation.error_estimate import ErrorEstimate, error_along
 from dlo_sim.simulation.forecast import Plan
 from dlo_sim.simulation.recorder import Recorder
-from dlo_sim.simulation.report import DiscretizationError
+from dlo_sim.simulation.report import MOST_OPEN, DiscretizationError
 from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
@@ -461,6 +463,46 @@ def drawn(seed: int) -> Everyday:
     return Everyday(f"drawn, seed {seed}", values, 4.0, moves)
 
 
+def swing(seed: int) -> Everyday:
+    """A cable between soft rubber and hard plastic, let go from a straight line, undamped."""
+    rng = np.random.default_rng(seed)
+    length = float(np.exp(rng.uniform(np.log(0.3), np.log(3.0))))
+    diameter = float(np.exp(rng.uniform(np.log(0.002), np.log(0.012))))
+    modulus = float(10.0 ** rng.uniform(5.0, 9.0))
+    angle = float(rng.uniform(-1.2, 0.9)) if rng.random() < 0.5 else 0.0
+    values: Values = {
+        "cable.length": length,
+        "cable.diameter": diameter,
+        "cable.youngs_modulus": modulus,
+        "cable.shear_modulus": modulus / 3.0,
+        "start.clamped": bool(rng.random() < 0.5),
+        "end.position": [length * math.cos(angle), 0.0, length * math.sin(angle)],
+    }
+    return Everyday(f"swing, seed {seed}", values, 10.0)
+
+
+SWINGS = 90
+CLOSED = 1e-4  # largest energy error of a swing of the chosen method
+
+
+def swings(method: str) -> int:
+    """Compute all swings and print a line for each; how many are wrong without a word."""
+    bad = 0
+    for everyday in map(swing, range(SWINGS)):
+        simulator = Simulator(everyday.scene({"integrator.method": method}))
+        report = simulator.advance(everyday.seconds)
+        if method == "auto":
+            wrong = not (report.status.advanced and simulator.energy_error < CLOSED)
+        else:
+            silent = report.status.ok and not simulator.warnings
+            wrong = silent and simulator.energy_error > MOST_OPEN
+        bad += wrong
+        found = f"{simulator.method}, {report.status.name}, energy error"
+        print(f"{everyday.name:16s} {found} {simulator.energy_error:.1e}{'  BAD' * wrong}")
+    print(f"{bad} of {SWINGS} diverge, or are wrong and nothing says so")
+    return bad
+
+
 def main(more: int) -> int:
     """Compute all and print a line for each; the number of scenes that are not good."""
     warnings.simplefilter("ignore", UserWarning)
@@ -484,4 +526,6 @@ def main(more: int) -> int:
 
 
 if __name__ == "__main__":
+    if sys.argv[1:2] == ["swings"]:
+        sys.exit(swings([*sys.argv, "auto"][2]) > 0)
     sys.exit(main(int(sys.argv[1]) if len(sys.argv) > 1 else 0) > 0)

@@ -1,15 +1,16 @@
 """Starts everyday scenes at rest and judges the shapes.
 
-    python test/simulation/everyday_scenes.py COUNT [SEED]
+    python test/simulation/everyday_scenes.py COUNT [SEED] [table]
 
-starts COUNT scenes from SEED (default 0) on, prints how they fared and every scene that went wrong,
-and ends with status 1 if one did.
+starts COUNT scenes from SEED (default 0) on, free ones or with `table` those above one, prints how
+they fared and every scene that went wrong, and ends with status 1 if one did.
 """
 
 import sys
 import time
 import warnings
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,11 +19,14 @@ from numba.core.errors import NumbaWarning
 from dlo_sim.batch.workers import open_workers
 from dlo_sim.core import bspline
 from dlo_sim.scene.loading import SceneError, scene_from_values
+from dlo_sim.simulation.obstacles import gaps
+from dlo_sim.simulation.self_contact import nearest
 from dlo_sim.simulation.simulator import Simulator
 
 Values = dict[str, Any]
 Rng = np.random.Generator
 AT_REST = 1e-6  # of the length, by which a further correction may move a shape
+DEEPEST = 0.1  # diameters that a cable may be in an obstacle or in itself
 UNEXPLAINED = 0.4  # local stretch beyond that of the tension: no resolution of a bend causes it
 
 # Young's modulus [Pa], shear modulus [Pa], density [kg/m^3], EI as a share of the solid section's.
@@ -115,6 +119,61 @@ def draw_scene(seed: int) -> tuple[str, Values]:
     return f"{grippers} {material} {turn}", values
 
 
+def draw_above_table(seed: int) -> tuple[str, Values]:
+    """As `draw_scene`, above a table of height 0: drag chains, slack between grippers, a box below
+    it, one gripper that points down or ahead with a cable longer than its height.
+    """
+    rng = np.random.default_rng(seed)
+    material = str(rng.choice(list(MATERIALS)))
+    modulus, shear, density, share = MATERIALS[material]
+    length = log_uniform(rng, 0.3, 3.0)
+    diameter = min(log_uniform(rng, 2e-3, 2e-2), length / 40.0)
+    values: Values = {
+        "cable.length": length,
+        "cable.diameter": diameter,
+        "cable.density": density,
+        "cable.youngs_modulus": modulus,
+        "cable.shear_modulus": shear,
+        "cable.bending_stiffness": share * modulus * np.pi * diameter**4 / 64.0,
+        "cable.torsional_stiffness": share * shear * np.pi * diameter**4 / 32.0,
+        "start.clamped": True,
+        "initial.shape": "equilibrium",
+        "obstacles.names": ["table"],
+        "obstacles.table.shape": "plane",
+        "damping.mass": 2.0,
+    }
+    kind = str(rng.choice(["drag chain", "slack", "end on table", "box", "down", "ahead"]))
+    aside = 0.0 if rng.uniform() < 0.5 else rng.uniform(-0.1, 0.1) * length
+    low, high = 0.5 * diameter, rng.uniform(0.1, 0.3) * length
+    ends: Values = {"end.fixed": [True] * 3, "end.clamped": True}
+    tilt = rng.uniform(-0.3, 0.3)
+    if kind == "drag chain":
+        begin, end = [0.0, 0.0, low], [rng.uniform(0.1, 0.5) * length, aside, high]
+        tangents = [1.0, 0.0, 0.0], [-np.cos(tilt), np.sin(tilt) * (aside != 0.0), 0.0]
+    elif kind == "end on table":
+        begin, end = [0.0, 0.0, low], [rng.uniform(0.4, 0.8) * length, aside, high]
+        tangents = [1.0, 0.0, 0.0], [abs(np.sin(tilt)), 0.0, np.cos(tilt)]
+    elif kind in ("slack", "box"):
+        begin = [0.0, 0.0, high]
+        end = [rng.uniform(0.4, 0.9) * length, aside, high * rng.uniform(0.5, 1.5)]
+        down = rng.uniform(-1.5, 0.3, 2)
+        tangents = [np.cos(down[0]), 0.0, np.sin(down[0])], [np.cos(down[1]), 0.0, -np.sin(down[1])]
+    else:
+        begin, end = [0.0, 0.0, high + 0.2 * length], [0.0, 0.0, high - 0.8 * length]
+        ends = {"end.fixed": [False] * 3}
+        angle = tilt if kind == "down" else rng.uniform(1.0, 1.7)
+        tangents = [np.sin(angle), 0.0, -np.cos(angle)], [0.0, 0.0, 0.0]
+    if kind == "box":
+        top = 0.5 * min(begin[2], end[2])
+        values |= {"obstacles.names": ["table", "box"], "obstacles.box.shape": "box"}
+        values["obstacles.box.size"] = [0.2 * end[0], length, top]
+        values["obstacles.box.position"] = [rng.uniform(0.3, 0.7) * end[0], 0.0, 0.5 * top]
+    values |= {"start.position": begin, "start.tangent": tangents[0], "end.position": end, **ends}
+    if "end.clamped" in ends:
+        values["end.tangent"] = tangents[1]
+    return f"{kind}, {material}", values
+
+
 @dataclass(frozen=True)
 class Outcome:
     """problem: empty if the shape is right. seconds: of the start."""
@@ -126,9 +185,9 @@ class Outcome:
     points: Any = None
 
 
-def run_seed(seed: int, more: Values | None = None) -> Outcome:
+def run_seed(seed: int, more: Values | None = None, table: bool = False) -> Outcome:
     """Start the scene of a seed and judge the shape."""
-    kind, values = draw_scene(seed)
+    kind, values = draw_above_table(seed) if table else draw_scene(seed)
     began = time.process_time()
     try:
         with warnings.catch_warnings(record=True) as said:
@@ -138,7 +197,7 @@ def run_seed(seed: int, more: Values | None = None) -> Outcome:
         return Outcome(seed, kind, f"refused: {refusal}", time.process_time() - began)
     seconds = time.process_time() - began - sim.compile_seconds
     warned = [str(one.message) for one in said if not issubclass(one.category, NumbaWarning)]
-    problem = "; ".join(warned) or judge(sim)
+    problem = "; ".join(warned) or judge(sim) or judge_above_table(sim)
     return Outcome(seed, kind, problem, seconds, sim.control_points)
 
 
@@ -173,10 +232,27 @@ def judge(sim: Simulator) -> str:
     return ""
 
 
-def main(count: int, first: int = 0) -> int:
+def judge_above_table(sim: Simulator) -> str:
+    """Whether the cable is in an obstacle or crosses itself; empty if not, or without obstacles."""
+    scene, diameter = sim.scene, sim.scene.cable.diameter
+    line = sim.centerline(np.linspace(0.0, scene.cable.length, 1001))
+    for body in scene.bodies:
+        depth = -float(gaps(body, diameter, line).min()) / diameter
+        if depth > DEEPEST:
+            return f"{depth:.2g} diameters in {body.name}"
+    if (
+        scene.bodies
+        and nearest(sim.model, sim.cable.points, diameter).clearance < -DEEPEST * diameter
+    ):
+        return "crosses itself"
+    return ""
+
+
+def main(count: int, first: int = 0, *, table: bool = False) -> int:
     """Start so many scenes on all cores and print how they fared; the exit status."""
+    run = partial(run_seed, table=table)
     with open_workers() as workers:
-        outcomes = list(workers.map(run_seed, range(first, first + count)))
+        outcomes = list(workers.map(run, range(first, first + count)))
     wrong = [one for one in outcomes if one.problem]
     for one in wrong:
         print(one.seed, one.kind, one.problem)
@@ -188,4 +264,5 @@ def main(count: int, first: int = 0) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*(int(argument) for argument in sys.argv[1:3])))
+    count, *first = (int(argument) for argument in sys.argv[1:] if argument != "table")
+    sys.exit(main(count, *first, table="table" in sys.argv))

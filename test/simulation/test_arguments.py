@@ -72,6 +72,7 @@ CALLS = {
         (lambda sim, x: end_motion(angular_velocity=x), "end motion: angular_velocity", ()),
         (lambda sim, x: end_motion(angular_acceleration=x), "end motion: angular_acceleration", ()),
     ],
+    "resumed": [(lambda sim, x: sim.resumed(x), "snapshot", ())],
     "restore": [(lambda sim, x: sim.restore(x), "snapshot", ())],
     "start_from": [
         (lambda sim, x: sim.start_from(x), "control points", ()),

@@ -100,7 +100,8 @@ def test_blocks_hold_the_values_of_spans_in_their_lanes(spans):
 
 def test_what_becomes_active_changes_shapes_and_not_the_memory():
     """A push out of the plane makes no other arrays: state and inputs stay where they are."""
-    sim = simulator(SOFT, {"loads.names": [], "terms.twist": "auto"})
+    taut = {"loads.names": [], "start.clamped": False, "end.fixed": [True] * 3}
+    sim = simulator(SOFT, taut, {"terms.twist": "auto"})
     cable, state, inputs = sim.cable, sim.cable.state, sim.cable.inputs
     assert len(cable.x) == 2
     sim.set_end("start", position=[0.0, 0.1, 0.0])

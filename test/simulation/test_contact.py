@@ -9,7 +9,9 @@ from cables import scene_of, simulator
 from dlo_sim.batch import simulate_batch
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.engine.contact import STIFFNESS
 from dlo_sim.scene.loading import SceneError, load_scene
+from dlo_sim.scene.needs import mirrors
 from dlo_sim.simulation.simulator import Simulator
 
 RADIUS = 0.005
@@ -38,31 +40,42 @@ def weight(sim):
 
 @pytest.mark.parametrize("yaw", [0.0, np.pi / 18.0])
 def test_it_comes_to_rest_on_a_table(yaw):
-    """One thousandth of its diameter deep, whichever way it lies."""
+    """As deep as its weight presses it in, less than a thousandth of its diameter, whichever way it
+    lies.
+    """
     end = [0.45 * np.cos(yaw), 0.45 * np.sin(yaw), 0.15]
     sim = falling(DAMPED, {"end.position": end})
     sim.advance(30.0)
     depth = RADIUS - sim.centerline(np.linspace(0.0, 0.5, 101))[:, 2]
-    np.testing.assert_allclose(depth, 0.002 * RADIUS, rtol=1e-3)
+    stiffness = sim.cable.arrays.contact.law[0, STIFFNESS]
+    # The round tips, which reach a radius beyond both ends, carry, too.
+    mean = weight(sim) / (0.5 + 2.0 * RADIUS) / stiffness
+    np.testing.assert_allclose(depth[10:-10], mean, rtol=0.05)
+    assert 0.5 * mean < depth.min() < depth.max() < 0.002 * RADIUS
     energy = sim.energy()
     assert energy.kinetic < 1e-9
     np.testing.assert_allclose(
         sim.contact("table").force, [0.0, 0.0, weight(sim)], atol=1e-3 * weight(sim)
     )
-    # k/2 depth^2 of the whole length: the depth carries the weight
-    stiffness = sim.scene.contact_stiffness
-    assert energy.contact == pytest.approx(0.5 * weight(sim) ** 2 / (stiffness * 0.5), rel=2e-3)
+    assert energy.contact == pytest.approx(0.5 * weight(sim) * mean, rel=0.03)
 
 
 @pytest.mark.parametrize("step", [1e-4, 1e-3, 5e-3, 1e-2])
-def test_a_bounce_keeps_the_energy(step):
-    sim = falling({"integrator.tolerance": 1e-12, "contact.damping": 0.0}, step=step)
-    touched = 0.0
-    for _ in range(20):
-        sim.advance(0.05)
-        touched = max(touched, sim.energy().contact)
-    assert touched > 5e-4
+@pytest.mark.parametrize("restitution", [0.0, 0.6, 1.0])
+def test_it_leaves_as_fast_as_the_restitution_says_at_every_step(step, restitution):
+    """A rod that falls flat from 0.05 m: it rises to restitution^2 of that height again."""
+    level = {"end.position": [0.5, 0.0, 0.05], "contact.restitution": restitution}
+    sim = falling({"integrator.tolerance": 1e-12}, level, step=step)
+    drop = 0.05 - RADIUS
+    landing = np.sqrt(2.0 * drop / 9.81)
+    sim.advance(landing * (1.0 + restitution) + step)
+    risen = sim.centerline([0.25])[0, 2] - RADIUS
+    # A landing is noticed at the end of a step, so up to a step late.
+    late = step * restitution * np.sqrt(2.0 * 9.81 * drop)
+    assert risen == pytest.approx(restitution**2 * drop, abs=1.5 * late + 0.02 * drop)
     assert sim.energy_error < 1e-8
+    lost = sim.cable.account.dissipated / (weight(sim) * drop)
+    assert lost == pytest.approx(1.0 - restitution**2, abs=0.02 + 3.0 * late / drop)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
@@ -78,14 +91,6 @@ def test_falls_keep_the_energy_account_within_the_default_tolerance(friction):
         report = sim.advance(0.4)
         assert report.status.ok and not report.message, height
         assert sim.energy_error < 1e-5, height
-
-
-def test_explicit_methods_choose_a_step_that_bears_contact():
-    hard = {"contact.stiffness": 1e8}
-    sim, soft = (falling(k, method="velocity_verlet", step=0.0) for k in (hard, {}))
-    assert sim.step < min(soft.step, 0.5 * np.sqrt(sim.scene.cable.mu / 1e8))
-    assert sim.advance(1.0).status.ok
-    assert sim.energy_error < 0.02
 
 
 def test_it_slides_down_a_slope():
@@ -108,11 +113,11 @@ def test_it_slides_down_a_slope():
     np.testing.assert_allclose(moved[1:], down[1:], rtol=2e-3)
 
 
-def test_a_plane_across_the_motion_keeps_it_flat():
+def test_a_plane_across_the_motion_mirrors_it():
     held = {"start.fixed": [True] * 3}
-    assert len(falling(held).model.axes) == 2
+    assert mirrors(falling(held).scene) == [0.0, 1.0, 0.0]
     tilted = rotations.from_rotation_vector(np.array([0.1, 0.0, 0.0])).tolist()
-    assert len(falling(held, {"obstacles.table.orientation": tilted}).model.axes) == 3
+    assert mirrors(falling(held, {"obstacles.table.orientation": tilted}).scene) == [0.0] * 3
 
 
 def test_methods_agree():
@@ -125,9 +130,8 @@ def test_methods_agree():
 
     reference = after("energy_momentum", 2e-4)
     assert reference.energy().contact > 0.0
-    for method, step in (("velocity_verlet", 5e-5), ("implicit_midpoint", 2e-4), ("rk4", 5e-5)):
-        sim = after(method, step)
-        np.testing.assert_allclose(sim.control_points, reference.control_points, atol=3e-4)
+    sim = after("implicit_midpoint", 2e-4)
+    np.testing.assert_allclose(sim.control_points, reference.control_points, atol=3e-4)
 
 
 def test_a_held_cable_lies_down_in_its_equilibrium():
@@ -154,8 +158,7 @@ def test_batches_of_it_are_its_runs():
             ROD,
             damped,
             {"start.position": [0.0, 0.0, 0.05 + 0.01 * k]},
-            method="velocity_verlet",
-            step=1e-4,
+            step=5e-3,
         )
         for k in range(3)
     ]
@@ -165,8 +168,7 @@ def test_batches_of_it_are_its_runs():
             ROD,
             damped,
             {"start.position": list(scene.start.position)},
-            method="velocity_verlet",
-            step=1e-4,
+            step=5e-3,
         )
         sim.advance(0.3)
         np.testing.assert_allclose(result.control_points[k, -1], sim.control_points, atol=1e-12)
@@ -181,9 +183,12 @@ def test_what_cannot_be_touched_is_refused():
         falling({"obstacles.table.shape": "cone"})
     with pytest.raises(SceneError, match="obstacles.table.size: .* has a zero that a box needs"):
         falling({"obstacles.table.shape": "box", "obstacles.table.size": [1.0, 0.0, 1.0]})
-    for method in ("rattle", "energy_momentum_4"):
-        with pytest.raises(SceneError, match="friction of obstacle table, since its steps cannot"):
-            falling({"obstacles.table.friction": 0.3}, method=method)
+    with pytest.raises(SceneError, match="has 4.94066e-324 m where a box needs more; give"):
+        falling({"obstacles.table.shape": "box", "obstacles.table.size": [1.0, 5e-324, 1.0]})
+    for method in ("rattle", "energy_momentum_4", "velocity_verlet"):
+        line = r"terms.contact auto \(obstacle table\), since its steps cannot land; use energy_mo"
+        with pytest.raises(SceneError, match=line):
+            falling(method=method)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         sim = falling({"terms.contact": "off"})
@@ -234,7 +239,7 @@ def test_a_cable_is_drawn_from_the_table_through_a_guide(guide, lift, aside):
         found = sim.contacts
         assert found["table"].clearance > -0.01 * sim.scene.cable.diameter
         held.append(np.linalg.norm(found[guide].force))
-    assert max(held) > 0.1
+    assert max(held) > 0.05
     assert sim.advance(0.5).status.ok
     found = sim.contacts
     assert sim.energy_error < 1e-5
@@ -258,22 +263,3 @@ def test_a_snapshot_continues_bit_for_bit_where_it_sticks():
     assert (sim.control_points == ended[0]).all()
     assert (sim.contact("table").force == ended[1]).all()
     assert np.abs(ended[1][:2]).max() > 0.0
-
-
-@pytest.mark.parametrize("method", ["velocity_verlet", "forest_ruth", "rk4", "zhai"])
-def test_explicit_steps_come_to_rest_on_a_rough_table(method):
-    """Their kicks of friction take energy; a kick too large would feed it."""
-    lying = {
-        "start.position": [0.0, 0.0, 0.0051],
-        "end.position": [0.5, 0.0, 0.0051],
-        "obstacles.table.friction": 0.3,
-        "terms.out_of_plane": "on",
-    }
-    sim = falling(lying, method=method, step=0.0)
-    lost = []
-    for _ in range(20):
-        assert sim.advance(0.01).status.ok
-        lost.append(float(sim.cable.account.dissipated))
-    assert np.diff(lost).min() > -1e-12 * weight(sim)  # work of the weight over 1e-12 m
-    assert max(lost) > 1e-6
-    assert sim.energy().kinetic < 1e-9

@@ -5,6 +5,7 @@ import pytest
 from cables import simulator
 
 from dlo_sim.core import rotations
+from dlo_sim.engine.contact import BRISTLE
 from dlo_sim.studies import bodies
 
 
@@ -13,9 +14,11 @@ def middle(sim):
 
 
 def test_a_pulled_rod_sticks_below_the_friction():
-    sim = bodies.pulled(3.8, 5e-4)
+    """By its bristles alone; a load that comes at once sends a wave along it, which slips."""
+    sim = bodies.pulled(0.0, 5e-4)
     before = middle(sim)
-    elastic = 3.8 / sim.scene.contact_stiffness
+    elastic = 3.8 / sim.cable.arrays.contact.law[0, BRISTLE]
+    bodies.pull_slowly(sim, 3.8)
     sim.advance(30.0)
     first = middle(sim) - before
     sim.advance(30.0)
@@ -62,27 +65,12 @@ def test_a_conveyor_drags_what_one_end_holds():
     within(bodies.conveyor(1e-3), 0.01)
 
 
-def test_an_explicit_method_feels_the_conveyor_too():
-    (answer,) = bodies.conveyor(0.0, "velocity_verlet").answers
-    assert abs(answer.error) < 0.03
-
-
-def test_an_explicit_method_slides_and_sticks_alike():
-    sim = bodies.pulled(8.0, 0.0, "velocity_verlet")
-    sim.advance(1.0)
-    assert sim.energy().kinetic == pytest.approx(8.3232, rel=0.01)
-    sim = bodies.pulled(3.8, 0.0, "velocity_verlet")
-    before = middle(sim)
-    sim.advance(1.0)
-    assert abs(middle(sim) - before)[0] < 3.8 / sim.scene.contact_stiffness + 1e-6
-
-
 @pytest.mark.parametrize("share", [0.995, 1.005])
 def test_it_slides_down_a_slope_beyond_the_friction_angle_only(share):
     angle = np.arctan(bodies.ROD_FRICTION * share)
     up = np.array([-np.sin(angle), 0.0, np.cos(angle)])
     along = np.array([np.cos(angle), 0.0, np.sin(angle)])
-    start = (0.025 - 0.05e-3 * np.cos(angle)) * up
+    start = 0.025 * up
     turned = rotations.from_rotation_vector(np.array([0.0, -angle, 0.0]))
     sim = simulator(
         bodies.ROD,

@@ -49,9 +49,9 @@ def test_an_obstacle_that_jumps_into_the_cable_pushes_it_out_slowly(method):
     """40 mm deep, with an account that knows its work."""
     sim = lying({"contact.friction": 0.2}, method=method, step=2e-3 * (method[0] == "e"))
     sim.advance(0.1)
-    assert not sim.warnings
+    assert not any(line.startswith("obstacles") for line in sim.warnings)
     sim.set_obstacle("body", [0.0, -0.01, 0.0])
-    (line,) = sim.warnings
+    (line,) = (line for line in sim.warnings if line.startswith("obstacles"))
     assert line.startswith("obstacles.body: jumped into the cable once, by 0.043 m at most; it")
     most = 0.0
     for _ in range(40):
@@ -82,9 +82,7 @@ def test_a_plane_that_jumps_lifts_the_cable():
     "body", [{"position": [0.0, 0.0, 0.0]}, {"size": [0.02, 0.2, 0.2]}, {"position": [0.12, 0, 0]}]
 )
 def test_a_body_that_jumps_onto_the_cable_does_not_tear_it_along(body):
-    """It pushes the cable out of two opposite sides at once, which the cable cannot follow. On the
-    middle of the body it stays inside, and is told so; a hair beside it may slip out to one side.
-    Where the push had no bound, it was torn along itself at 5 m/s."""
+    """It pushes the cable out of two opposite sides at once, which the cable cannot follow."""
     given = {f"obstacles.body.{key}": value for key, value in body.items() if key == "size"}
     sim = lying({"contact.friction": 0.2}, given)
     sim.set_obstacle("body", body.get("position", [0.0, 0.0, 0.0]))
@@ -92,10 +90,8 @@ def test_a_body_that_jumps_onto_the_cable_does_not_tear_it_along(body):
     for _ in range(40):
         assert sim.advance(0.01).status.ok
         most = max(most, fastest(sim))
-    if sim.contact("body").clearance < -RADIUS:
-        assert any("the cable is pressed" in line for line in sim.warnings)
-        assert most < 0.6
-    assert most < 2.0
+    assert most < 0.6
+    assert any("the cable is pressed" in line for line in sim.warnings)
     assert sim.energy_error < 1e-8
 
 
@@ -274,7 +270,9 @@ def test_an_obstacle_that_is_thinner_than_the_samples_is_told():
 
 
 def test_a_bend_round_an_edge_that_the_spans_cannot_follow_is_told():
-    """Chosen spans can, given ones need not; what lies flat is not meant."""
+    """Chosen spans can, given ones need not; what lies flat is not meant. The number that is told
+    does.
+    """
     values = {
         "cable.length": 0.6,
         "cable.diameter": 0.006,
@@ -294,15 +292,15 @@ def test_a_bend_round_an_edge_that_the_spans_cannot_follow_is_told():
         "obstacles.box.position": [-0.5, 0.0, -0.05],
     }
     told = {}
-    for points in (0, 25):
+    for points in (0, 25, 72):
         sim = Simulator(load_scene(values | {"discretization.control_points": points}))
         assert not sim.warnings
         sim.advance(1.0)
         told[sim.model.n] = sim.warnings
-    assert told[60] == ()
+    assert told[60] == told[72] == ()
     (line,) = told[25]
     assert re.fullmatch(
-        r"obstacles.box: the cable bends round it by 1\.\d rad in a knot span at 0\.40\d m, so "
-        r"forces there may be some 10 % off or more; raise discretization.control_points to 5\d",
+        r"obstacles.box: the cable bends round it by 0\.9\d rad in a knot span at 0\.40\d m, so "
+        r"forces there may be some 10 % off or more; raise discretization.control_points to 72",
         line,
     )

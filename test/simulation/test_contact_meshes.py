@@ -1,7 +1,9 @@
 """Triangle meshes as obstacles."""
 
 import math
+import os
 import sys
+import zipfile
 
 import numpy as np
 import pytest
@@ -93,7 +95,7 @@ def test_the_field_is_the_distance_from_the_solid():
 def body_of(tmp_path, file, **values):
     (tmp_path / "scene.yaml").write_text(
         "/**:\n  ros__parameters:\n    obstacles:\n      names: [body]\n      body:\n"
-        f"        shape: mesh\n        mesh: {file}\n        position: [0.0, 0.0, -1.0]\n"
+        f"        shape: mesh\n        mesh: '{file}'\n        position: [0.0, 0.0, -1.0]\n"
     )
     return load_scene(tmp_path / "scene.yaml", values).obstacles[0]
 
@@ -215,7 +217,7 @@ def test_a_missing_library_is_named(tmp_path, monkeypatch, file, missing, cure):
 
 
 def test_a_mesh_in_the_wrong_unit_is_refused():
-    problem = "mesh_cells: 48 cells along a mesh of 1e-07 m, .* a cable 0.01 m thick, are too many"
+    problem = "mesh_scale: a mesh of 1e-07 m is a crumb beside a cable 0.01 m thick; check the unit"
     with pytest.raises(SceneError, match=problem):
         lying(solids.box(0.1, 0.1, 0.1), {"obstacles.body.mesh_scale": 1e-6})
 
@@ -226,6 +228,47 @@ def test_a_mesh_with_walls_that_its_cells_lose_is_told():
     (line,) = lying(solids.box(0.4, 0.4, 0.006), place, cells=15).warnings
     assert "mesh_cells: 15 are too few for its thinnest walls" in line
     assert "raise it" in line
+
+
+THROUGH = {
+    "cable.length": 0.4,
+    "cable.diameter": 0.004,
+    "cable.density": 1150.0,
+    "cable.youngs_modulus": 5e6,
+    "start.fixed": [True] * 3,
+    "start.position": [-0.2, 0.0, 0.0],
+    "end.fixed": [True] * 3,
+    "end.position": [0.2, 0.0, 0.0],
+    "loads.names": ["hand"],
+    "loads.hand.type": "force",
+    "loads.hand.position": 0.5,
+    "loads.hand.signal": "constant",
+    "loads.hand.force": [0.0, 0.0, 0.2],
+    "gravity": [0.0] * 3,
+    "contact.stiffness": 0.0,
+    "discretization.control_points": 23,
+}
+
+
+@pytest.mark.parametrize("side", [0.1, 0.3])
+def test_an_opening_is_as_wide_in_a_large_plate_as_in_a_small_one(side):
+    """A hole of 8 mm, into whose edge a force pulls a cable of 4 mm: its middle is 2 mm up."""
+    sim = lying(solids.plate(side, 0.008, 0.005), THROUGH, cells=0)
+    assert sim.advance(1.0).status.ok and not sim.warnings
+    assert sim.centerline([0.2])[0, 2] == pytest.approx(2e-3, abs=2e-4)
+
+
+def test_cells_too_coarse_for_an_opening_are_said():
+    """Also where so many are not chosen, as in a plate of 2 m."""
+    for side, cells, counts in ((0.3, 48, (48, 150)), (2.0, 0, (268, 1000))):
+        (line,) = lying(solids.plate(side, 0.008, 0.005), THROUGH, cells=cells).warnings
+        assert f"mesh_cells: {counts[0]} are too few for its thinnest walls and narrowest" in line
+        assert f"raise it to {counts[1]}, or split the mesh" in line
+
+
+def test_too_few_cells_are_refused():
+    with pytest.raises(SceneError, match="mesh_cells: 7 are too few; give 8 or more, or 0"):
+        lying(solids.box(0.1, 0.1, 0.1), cells=7)
 
 
 def test_a_fall_on_a_mesh_of_few_cells_keeps_the_energy_account():
@@ -285,3 +328,87 @@ def test_the_marker_of_a_mesh_names_its_file(tmp_path):
     body = cdr.read(cdr.MARKER_ARRAY, message.data).markers[1]
     assert (body.type, body.pose.position.z) == (cdr.MESH_RESOURCE, -0.06)
     assert meshes.found_path(body.mesh_resource) == path
+
+
+def test_what_may_never_end_or_is_no_plain_file_is_refused_unread(tmp_path):
+    """A pipe that nobody writes to, a device, an archive whatever its name, gigabytes."""
+    os.mkfifo(tmp_path / "pipe.stl")
+    (tmp_path / "zero.stl").symlink_to("/dev/zero")
+    with zipfile.ZipFile(tmp_path / "body.zip", "w") as archive:
+        archive.writestr("body.dae", solids.files(solids.box(0.3, 0.2, 0.1), "dae"))
+    zipped = (tmp_path / "body.zip").read_bytes()
+    (tmp_path / "zipped.dae").write_bytes(zipped)
+    (tmp_path / "appended.dae").write_bytes(b"<COLLADA/>" + zipped)
+    for kind in ("off", "3mf", "zae"):
+        (tmp_path / f"body.{kind}").write_bytes(zipped)
+    head = solids.files(solids.box(0.3, 0.2, 0.1), "glb")
+    (tmp_path / "hollow.glb").write_bytes(head.replace(b'"bufferView"', b'"bufferNone"'))
+    with (tmp_path / "long.stl").open("wb") as file:
+        file.truncate(meshes.MOST_BYTES + 1)
+    problems = {
+        "pipe.stl": "is no regular file, and may never end",
+        "zero.stl": "is no regular file, and may never end",
+        "zipped.dae": "is an archive; unpack it",
+        "appended.dae": "is an archive; unpack it",
+        "hollow.glb": "does not hold all its data; export it without compression",
+        "body.zip": "a file '.zip' cannot be read here; convert it to STL",
+        "body.off": "a file '.off' cannot be read here",
+        "body.3mf": "a file '.3mf' cannot be read here",
+        "body.zae": "a file '.zae' cannot be read here",
+        "long.stl": "has 500000001 bytes; reduce it to 500000000 or fewer",
+    }
+    for file, problem in problems.items():
+        with pytest.raises(SceneError, match=f"obstacles.body.mesh: .*{file}: {problem}"):
+            meshes.triangles_of(body_of(tmp_path, file))
+
+
+@pytest.mark.parametrize(
+    ("mesh", "problem"),
+    [
+        ("~nobody-of-this-name/a.stl", "nobody-of-this-name/a.stl cannot be read"),
+        ("base64:", "base64:: has no triangles"),
+        ("base64:xx", "base64:xx: Incorrect padding"),
+        ("base64:AAAAAAAAAAA=", "are no triangles"),
+        ("base64:" + "A" * 96, "has no extent"),
+    ],
+)
+def test_names_that_stand_for_no_mesh_are_refused(tmp_path, mesh, problem):
+    assert isinstance(body_of(tmp_path, mesh).mesh, str)
+    with pytest.raises(SceneError, match=f"obstacles.body.mesh: .*{problem}") as error:
+        simulator(LYING, {"obstacles.body.mesh": mesh})
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("kind", ["stl", "obj", "ply"])
+def test_text_in_another_encoding_is_read(tmp_path, kind):
+    """Names and comments, as older programs write them; no library has to guess which it is."""
+    box = solids.box(0.3, 0.2, 0.1)
+    name, comment = "Gehäuse".encode("latin-1"), "# Gehäuse\n".encode("latin-1")
+    content = {
+        "stl": solids.ascii_stl(box).replace(b"body", name),
+        "obj": comment + solids.files(box, "obj"),
+        "ply": trimesh.Trimesh(**trimesh.triangles.to_kwargs(box)).export(
+            file_type="ply", encoding="ascii"
+        ),
+    }[kind]
+    if kind == "ply":
+        content = content.replace(b"\nelement", b"\ncomment " + name + b"\nelement", 1)
+    (tmp_path / f"body.{kind}").write_bytes(content)
+    assert "charset_normalizer" not in sys.modules
+    assert len(meshes.triangles_of(body_of(tmp_path, f"body.{kind}"))) == len(box)
+    assert "charset_normalizer" not in sys.modules
+
+
+def test_a_small_mesh_has_a_small_grid():
+    """No finer than the cable can feel: a sphere thinner than the cable, whose field it
+    touches as a sphere.
+    """
+    triangles = solids.sphere(0.003, 20)
+    assert np.prod(meshes.Grid(triangles, 48, RADIUS).shape) < 50_000
+    body = Obstacle("body", shape="mesh", mesh=meshes.keep_triangles(triangles))
+    points = RADIUS * np.random.default_rng(1).standard_normal((200, 3))
+    exact = np.linalg.norm(points, axis=1) - 0.003
+    away = meshes.field_of(body, RADIUS).distance(points) - exact
+    assert np.abs(away[(exact > 0.0) & (exact < RADIUS)]).max() < 0.05 * RADIUS
+    with pytest.raises(ValueError, match="mesh_cells: 5000 cells along a mesh .* are too many"):
+        meshes.Grid(solids.box(0.1, 0.1, 0.1), 5000, 0.0)

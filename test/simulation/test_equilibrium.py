@@ -276,12 +276,10 @@ def test_a_shape_that_is_not_found_is_refused_and_can_be_started_straight(monkey
 
 
 def test_everyday_scenes_start_in_stable_shapes_at_rest():
-    """The twist of a natural shape may not be found, which is said: in 1 of the first 200."""
-    outcomes = [everyday_scenes.run_seed(seed) for seed in range(80)]
+    """Among those beyond the first are natural shapes that twist the cable most."""
+    outcomes = [everyday_scenes.run_seed(seed) for seed in (*range(80), 154, 166, 174, 262)]
     wrong = [(one.seed, one.kind, one.problem) for one in outcomes if one.problem]
-    said = [one for one in wrong if "the twist that the natural shape causes" in one[2]]
-    assert wrong == said
-    assert len(said) <= 2
+    assert wrong == []
 
 
 @pytest.mark.parametrize(
@@ -437,3 +435,60 @@ def test_an_unstable_shape_that_is_left_slowly_does_not_count_as_rest():
     begun = sim.control_points
     assert sim.advance(20.0).status.ok
     assert sim.control_points == pytest.approx(begun, abs=1e-6)
+
+
+FLOOR = {"obstacles.names": ["floor"], "obstacles.floor.shape": "plane", "damping.mass": 2.0}
+CHAIN = FLOOR | {
+    **{"cable.length": 2.0, "cable.diameter": 0.012, "cable.linear_density": 0.2},
+    **{"cable.axial_stiffness": 1e5, "cable.bending_stiffness": 0.02, "start.clamped": True},
+    **{"start.tangent": [1.0, 0.0, 0.0], "obstacles.floor.friction": 0.3},
+    **{"start.position": [0.0, 0.0, 0.006], "start.fixed": [True] * 3, "end.clamped": True},
+    **{"end.position": [0.4, 0.0, 0.25], "end.fixed": [True] * 3, "end.tangent": [-1.0, 0.0, 0.0]},
+}
+BACK = {
+    **{"start.position": [0.4, 0.0, 0.25], "end.position": [0.0, 0.0, 0.006]},
+    **{"start.tangent": [1.0, 0.0, 0.0], "end.tangent": [-1.0, 0.0, 0.0]},
+}
+
+
+@pytest.mark.parametrize("more", [{}, BACK], ids=["from the floor", "to the floor"])
+def test_a_drag_chain_lies_along_the_floor_and_comes_back_in_a_loop(more):
+    """A boundary value problem has the front of the loop at 1.137 m and the end of what lies on the
+    floor at 0.963 m; spans are 83 mm long here. It stays there."""
+    sim = Simulator(load_scene(CHAIN | more))
+    points = sim.centerline(np.linspace(0.0, 2.0, 2001))
+    touching = sim.contacts["floor"].u
+    lies = 2.0 - touching.min() if more else touching.max()
+    assert points[:, 0].max() == pytest.approx(1.137, abs=2e-3)
+    assert lies == pytest.approx(0.963, abs=0.03)
+    assert points[:, 2].min() > 0.006 - 0.1 * 0.012
+    before = sim.control_points
+    assert sim.advance(0.5).status.ok
+    assert np.abs(sim.control_points - before).max() < 1e-6
+
+
+DOWN = FLOOR | {
+    **{"cable.length": 1.0, "cable.diameter": 0.004, "cable.bending_stiffness": 0.002},
+    **{"cable.linear_density": 0.03, "start.position": [0.0, 0.0, 0.4], "start.clamped": True},
+    **{"start.tangent": [0.0, 0.0, -1.0], "end.position": [0.0, 0.0, -0.6]},
+}
+
+
+def test_a_cable_longer_than_its_gripper_is_high_lies_on_the_floor():
+    """Straight it would begin 0.6 m inside, so it begins at rest."""
+    sim = Simulator(load_scene(DOWN))
+    points = sim.centerline(np.linspace(0.0, 1.0, 101))
+    assert np.abs(points[60:, 2] - 0.002).max() < 0.1 * 0.004
+    assert np.linalg.norm(points[-1, :2] - points[60, :2]) == pytest.approx(0.4, abs=1e-3)
+    with pytest.raises(
+        SceneError, match=r"0\.6 m inside it, .* or set initial.shape to equilibrium"
+    ):
+        Simulator(load_scene(DOWN | {"initial.shape": "straight"}))
+
+
+def test_everyday_scenes_above_a_table_start_outside_of_it_and_of_themselves():
+    """Of the first 15, 3, 7 and 11 are left out: two stiff cables and a rope that are pressed into
+    the table as far as its contact gives way, or farther."""
+    seeds = (0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14)
+    outcomes = [everyday_scenes.run_seed(seed, table=True) for seed in seeds]
+    assert [(one.seed, one.kind, one.problem) for one in outcomes if one.problem] == []

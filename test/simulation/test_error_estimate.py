@@ -142,7 +142,7 @@ def test_largest_error_is_held_for_a_second():
     """A tug at a damped cable: each look's error counts for 50 looks, and for the whole run."""
     scene = shipped("hanging_cable", damping__mass=6.0, integrator__step=2.5e-3)
     estimate = ErrorEstimate(Simulator(scene))
-    fine = finer(estimate.simulator, 2, 1)
+    fine = estimate.simulator.reconfigured(scene.with_values({"integrator.step": 1.25e-3}))
     for one in (estimate.simulator, *(one.simulator for one in estimate.companions), fine):
         one.set_end("start", position=np.add(scene.start.position, [0.02, 0.0, 0.0]))
     u, looks, held = U * scene.cable.length, [0.0], []

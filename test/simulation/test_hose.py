@@ -63,3 +63,39 @@ def test_a_bore_is_inside_the_hose():
         with pytest.raises(SceneError, match="hose.bore: .* below cable.diameter"):
             simulator(HOSE, {"hose.bore": bore})
     assert "pressure" in simulator(HOSE, HELD, {"hose.pressure": 0.0}).left_out
+    with pytest.raises(SceneError, match="hose.bore: 0.014 m is too wide; give it, below"):
+        simulator(HOSE, {"hose.bore": 0.014, "hose.pressure": 0.0})
+
+
+WALL = {
+    "cable.diameter": 0.012,
+    "cable.density": 1100.0,
+    "cable.youngs_modulus": 5e6,
+    "hose.bore": 0.008,
+    "end.position": [0.8, 0.0, 0.0],
+    "end.fixed": [True] * 3,
+    "discretization.control_points": 21,
+}
+
+
+def test_mass_and_stiffness_are_those_of_the_wall():
+    """1100 kg/m^3 and 5 MPa on the annulus between 8 and 12 mm."""
+    sim = simulator(WALL)
+    cable = sim.scene.cable
+    assert cable.mu == pytest.approx(0.069115, rel=1e-5)
+    assert cable.EA == pytest.approx(314.159, rel=1e-5)
+    assert cable.EI == pytest.approx(4.08407e-3, rel=1e-5)
+    assert cable.GJ == pytest.approx(2.0 * 0.7 * 4.08407e-3, rel=1e-5)
+    assert cable.polar_inertia == pytest.approx(1100.0 * np.pi * 1.664e-8 / 32.0, rel=1e-9)
+    # Half of the weight hangs on each end; of a solid rod the tension is 0.678 N.
+    force, _ = sim.reaction("start")
+    assert force[2] == pytest.approx(0.5 * 0.069115 * 9.81, rel=1e-5)
+    assert sim.tension([0.0])[0] == pytest.approx(0.377, rel=0.03)
+
+
+def test_values_given_beside_a_bore_stay():
+    given = {"linear_density": 0.3, "axial_stiffness": 70.0, "bending_stiffness": 0.02}
+    cable = simulator(WALL, {f"cable.{key}": value for key, value in given.items()}).scene.cable
+    assert (cable.mu, cable.EA, cable.EI) == tuple(given.values())
+    assert cable.polar_inertia == pytest.approx(0.3 * (0.012**2 + 0.008**2) / 8.0)
+    assert "(D^2 + d^2) / 8 = 7.8e-06 kg m, as of a hose's section" in cable.assumptions[-1]

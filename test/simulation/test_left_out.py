@@ -44,6 +44,7 @@ def plane(name):
     along, axis = np.array(DIRECTIONS[normal]), np.eye(3)[normal]
     across = np.cross(axis, along)
     scene = BARE | {
+        "terms.out_of_plane": "off",
         "end.position": list(along),
         "end.spring": [0.0 if d == normal else 20.0 + d for d in range(3)],
         "gravity": list(-9.81 * across),

@@ -70,7 +70,8 @@ def test_frames_turn_with_the_clamp_that_holds_the_start():
 
 
 def test_a_planar_cable_keeps_one_axis_across_its_plane():
-    sim = simulator(SOFT, {"loads.names": []}, n=8, method="velocity_verlet")
+    flat = {"loads.names": [], "terms.out_of_plane": "off"}
+    sim = simulator(SOFT, flat, n=8, method="velocity_verlet")
     assert "out_of_plane" in sim.left_out
     sim.advance(0.3)
     found = axes(sim)

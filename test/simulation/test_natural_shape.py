@@ -222,24 +222,6 @@ def test_a_term_that_comes_in_leaves_the_natural_shape_along_the_cable():
     assert twin.energy().bend == pytest.approx(before, rel=1e-9)
 
 
-def test_a_cable_that_leaves_its_plane_keeps_its_natural_shape():
-    """As the same cable that was simulated in space from the start."""
-    planar, spatial = (
-        bent(
-            cable__rest_curvature=[4.0], terms__twist="auto", terms__out_of_plane=value,
-            damping__mass=20.0,
-        )
-        for value in ("auto", "on")
-    )  # fmt: skip
-    assert planar.model.axes == (0, 2) and spatial.model.axes == (0, 1, 2)
-    for sim in (planar, spatial):
-        sim.advance(0.1)
-        sim.set_end("start", position=[0.0, 0.01, 0.0])
-        sim.advance(1.0)
-    assert planar.model.axes == (0, 1, 2) and "twist" in planar.active_terms
-    np.testing.assert_allclose(planar.control_points, spatial.control_points, atol=1e-6 * LENGTH)
-
-
 def test_a_natural_shape_that_is_changed_takes_effect():
     """As a cable that has it from the start; the same if the cable was straight before."""
     for before in ({"cable__rest_curvature": [-1.0]}, {}):

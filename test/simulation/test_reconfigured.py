@@ -1,5 +1,7 @@
 """A running simulator that gets another scene keeps its shape, its motion and its ends."""
 
+from copy import deepcopy
+
 import numpy as np
 import pytest
 from cables import FLAT, FULL, SOFT, scene_of, simulator
@@ -236,3 +238,63 @@ def test_motions_of_an_obstacle_wait_for_their_start():
             sim.advance_steps(steps)
             at = first if sim.time < 0.1 else second
             assert sim.end_pose("belt")[0] == pytest.approx(at.position_at(sim.time), abs=1e-12)
+
+
+HIGHER = {"obstacles.table.position": [0.4, 0.0, -0.0195]}
+
+
+@pytest.fixture(scope="module")
+def on_the_table():
+    """The shipped scene `table`, whose cable has come to rest."""
+    sim = Simulator(load_scene("table"))
+    sim.advance(0.5)
+    return sim
+
+
+def highest_of(sim, duration):
+    """Highest place of the axis [m] in a time to come, and the largest velocity [m/s]."""
+    high = fast = 0.0
+    for _ in range(round(duration / 0.01)):
+        assert sim.advance(0.01).status.ok
+        high = max(high, sim.control_points[:, 2].max())
+        fast = max(fast, np.abs(sim.velocities[:, :3]).max())
+    return high, fast
+
+
+@pytest.mark.parametrize("changed", [{"cable.diameter": 0.007}, HIGHER, "jump"])
+def test_what_comes_into_the_cable_a_little_does_not_fling_it(on_the_table, changed):
+    """By half a millimetre, where a gripper holds it: at rest it then rises to 5.2 mm beside it."""
+    if changed == "jump":
+        sim = deepcopy(on_the_table)
+        sim.set_obstacle("table", HIGHER["obstacles.table.position"])
+    else:
+        sim = on_the_table.reconfigured(on_the_table.scene.with_values(changed))
+    (line,) = [line for line in sim.warnings if line.startswith("obstacles.table")]
+    assert "0.0005 m at most; it yields and pushes the cable out at 0.2 m/s" in line
+    assert sim.contact("table").pressure <= on_the_table.contact("table").pressure + 1e-6
+    high, fast = highest_of(sim, 0.4)
+    assert high < 6.5e-3
+    assert fast < 0.4
+    assert sim.centerline([0.7])[0, 2] == pytest.approx(0.0035, abs=2e-5)
+    assert sim.energy_error < 1e-5
+
+
+def test_a_stiffer_contact_presses_no_more_than_before():
+    """Though the cable lies 2 % of its diameter deep in the soft one."""
+    sim = simulator(LYING, {"contact.stiffness": 4e3})
+    sim.advance(1.0)
+    before = sim.contact("table")
+    assert 0.01 < -before.clearance / 0.01 < 0.03
+    other = sim.reconfigured(sim.scene.with_values({"contact.stiffness": 1e7}))
+    assert other.contact("table").pressure == pytest.approx(before.pressure, rel=1e-6)
+    high, fast = highest_of(other, 0.3)
+    assert high < 0.006
+    assert fast < 0.3
+
+
+def test_a_cable_laid_a_tenth_of_a_millimetre_too_low_is_not_flung():
+    """By the table of a scene that is drawn by hand."""
+    low = {"start.position": [0.0, 0.0, 0.0034], "end.position": [0.8, 0.0, 0.0034]}
+    sim = Simulator(load_scene("table").with_values(HIGHER | low))
+    high, _ = highest_of(sim, 0.2)
+    assert high < 4.5e-3

@@ -1,5 +1,6 @@
 """Numbers of control points and knots that are chosen: errors, and what they depend on."""
 
+import math
 import warnings
 
 import numpy as np
@@ -137,6 +138,28 @@ def test_round_obstacles_within_reach_bound_the_spans():
     assert number_of(drawn_round(0.023, **{"cable.bending_stiffness": 1e-2})) < 15
     assert number_of(drawn_round(0.023, **{"obstacles.peg.position": [0.2, 0.9, 0.0]})) == plain
     assert "the bend round obstacles.peg wants 253" in resolved(drawn_round(1e-3))[1]
+
+
+def test_what_grippers_can_pull_taut_bounds_the_spans():
+    """Of a knot and through a ring, to a strain of 0.1 %, if the cable is held at two places: it
+    bends over sqrt(EI / (EA / 1000)) = 15.8 mm then. The weight alone pulls less.
+    """
+    loose = {"cable.axial_stiffness": 4e3, "cable.bending_stiffness": 1e-3}
+    loose |= {"loads.pull.force": [0.0, 0.0, 0.0]}
+    held = loose | {"end.fixed": [True] * 3}
+    ring = {"obstacles.peg.shape": "ring", "obstacles.peg.size": [0.02, 0.004, 0.0]}
+    itself = {"contact.self": "on"}
+    assert number_of(drawn_round(0.002, **held)) == 19
+    scene, why = resolved(drawn_round(0.002, **held | ring))
+    assert scene.discretization.control_points == 48 + 3
+    assert why == "51 control points: spans of 12 mm for the bend round obstacles.peg"
+    assert (
+        "12 mm for the bend round another strand" in resolved(drawn_round(2e-3, **held | itself))[1]
+    )
+    for values in (loose, loose | ring, loose | itself):
+        assert number_of(drawn_round(0.002, **values)) == 12
+    soft = {"cable.bending_stiffness": 1e-6}  # round another strand, not over 0.5 mm
+    assert number_of(drawn_round(0.002, **held | itself | soft)) == math.ceil(0.6 / 0.0032) + 3
 
 
 def test_bounds():

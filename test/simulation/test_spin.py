@@ -66,3 +66,6 @@ def test_an_open_energy_balance_is_said():
     line = balance_warning(conserving, 1e-6, 0.018)
     assert line.startswith("energy balance: open by 0.018") and "smaller integrator.step" in line
     assert "\n" not in line
+    explicit = METHODS["velocity_verlet"]
+    assert balance_warning(explicit, 1e-6, 9e-4) == ""
+    assert "integrator.step or energy_momentum" in balance_warning(explicit, 1e-6, 2e-3)

@@ -126,18 +126,17 @@ def test_looking_changes_nothing(method, scene):
 
 
 def test_what_came_in_on_the_way_leaves_again_with_a_restore():
-    """A planar scene without drive or twist, pushed out of its plane and turned at the clamp."""
-    plane = SOFT | {"loads.tip.signal": "constant", "loads.tip.force": [0.0, 0.0, 0.3]}
+    """A taut cable without drive, pulled out of its plane."""
+    plane = SOFT | {"loads.names": [], "start.clamped": False, "end.fixed": [True] * 3}
     sim = simulator(plane, n=6, method="energy_momentum", step=1e-3)
     assert "out_of_plane" in sim.left_out
     sim.advance_steps(20)
     saved, seen = sim.snapshot(), sim.control_points
-    sim.set_load("tip", force=[0.0, 0.2, 0.3])
     sim.set_end("start", position=[0.0, 0.01, 0.0])
     assert "out_of_plane" not in sim.left_out
     assert same(sim.control_points[2:], seen[2:])
     sim.advance_steps(20)
-    assert abs(sim.control_points[-1, 1]) > 1e-3
+    assert abs(sim.control_points[1, 1]) > 1e-3
     sim.restore(saved)
     assert "out_of_plane" in sim.left_out
     sim.advance_steps(20)

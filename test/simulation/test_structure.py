@@ -69,7 +69,7 @@ def simulated(scene, method, tau):
     def step(points, rates):
         sim.restore(start)
         set_state(sim, points, rates)
-        assert sim.advance_steps(1).status.ok
+        assert sim.advance_steps(1).status.advanced
         return sim.control_points, sim.velocities
 
     return step

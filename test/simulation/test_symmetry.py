@@ -86,14 +86,14 @@ def test_it_grows_at_the_rate_of_the_linear_theory():
     inertia, softening, bending = np.einsum("kip,p,kjp->kij", values, 0.5 * weights, values)
     stiffness = 0.02 * bending - 3.0 * EULER * softening
     rate = np.sqrt(-np.linalg.eigvals(np.linalg.solve(0.1 * inertia, stiffness)).real.min())
-    sim.advance(0.4)
+    sim.advance(1.4)  # until it dominates the other modes, which oscillate
     found = []
     for _ in range(4):
         found.append(across(sim))
-        sim.advance(0.05)
-    growth = np.diff(np.log(found)) / 0.05
+        sim.advance(0.2)
+    growth = np.diff(np.log(found)) / 0.2
     assert found[-1] < 0.02
-    assert growth[-1] == pytest.approx(rate, rel=0.05)
+    assert growth == pytest.approx(rate, rel=0.01)
 
 
 def test_the_same_bits_however_the_run_is_divided_and_after_a_restart():
@@ -131,13 +131,13 @@ def test_a_load_below_a_gripper_that_drops_goes_slack():
     assert z == pytest.approx(5.292, abs=0.1)
 
 
-def test_a_cable_that_is_not_straight_or_hangs_is_left_alone(monkeypatch):
+def test_a_cable_in_space_or_one_that_hangs_straight_is_left_alone(monkeypatch):
     calls = []
-    push = buckling._unstable
-    monkeypatch.setattr(buckling, "_unstable", lambda cable: calls.append(1) or push(cable))
+    growth = buckling.growth
+    monkeypatch.setattr(buckling, "growth", lambda *given: calls.append(1) or growth(*given))
     hanging = simulator(COLUMN, {"gravity": [0.0, 0.0, 9.81], "initial.shape": "equilibrium"})
     hanging.advance(0.1)
-    bent = pressed(3.0, **{"start.tangent": [0.6, 0.0, 0.8]})
+    bent = pressed(3.0, **{"start.tangent": [0.6, 0.48, 0.64], "loads.tip.torque": [0.0, 0.1, 0.0]})
     bent.advance(0.1)
     assert not calls
 

@@ -56,7 +56,7 @@ def test_what_is_left_out_does_not_matter_and_the_rest_does(rows):
         assert rows[term]["in its step"] == "yes"
         assert float(rows[term][error]) > 1.0
     assert 0.1 < float(rows["stretch"][error]) < 1.0  # measured 0.39
-    assert rows["loads"]["note"] == "no loads"
+    assert rows["loads"]["note"] == "no loads; both with terms.out_of_plane on"
 
 
 @pytest.mark.parametrize("name", shipped_scenes())

@@ -257,7 +257,7 @@ def test_terms_that_the_tolerance_can_do_without_are_switched_off(monkeypatch):
     _clock(monkeypatch, lambda setting: 1.0 - 0.1 * len(setting.off))
     search, best = _heavy_cable()
     found, error = _without_terms(search, best, 0.0)
-    assert set(found.setting.off) == {"bend", "damping"}
+    assert set(found.setting.off) == {"bend", "damping", "out_of_plane"}
     assert 0.0 < error < 1e-4
     assert found.setting.applied(search.job.scene).terms.bend == "off"
     assert "without bend" in found.setting.words

@@ -131,6 +131,17 @@ def test_file_that_holds_no_run_is_refused(tmp_path, arrays, complaint):
         ("tension", lambda tension: tension[:, :3], "tension: needs finite numbers of shape"),
         ("curvature", lambda curvature: curvature[:3], "curvature: needs finite numbers of shape"),
         ("energy", lambda energy: energy[:3], "energy: needs"),
+        ("obstacle_of", lambda numbers: np.zeros(2), "obstacle_of: needs 1 finite numbers"),
+        ("contact_points", lambda points: points[:1], "contact_forces: needs finite numbers"),
+        ("contact_forces", lambda forces: forces[:1], "contact_forces: needs finite numbers"),
+        ("contact_samples", lambda samples: samples[:1], "contact_samples: needs 2 finite numbers"),
+        ("contact_samples", lambda samples: samples[:, None], "contact_samples: needs 2 finite"),
+        ("contact_looks", lambda looks: looks[:0], "contact_total: needs 0 finite numbers"),
+        ("contact_looks", lambda looks: looks[::-1], "contact_looks: needs rising numbers of the"),
+        ("contact_looks", lambda looks: looks + 0.5, "contact_looks: needs rising numbers of the"),
+        ("contact_looks", lambda looks: looks + 1.0, "contact_looks: needs rising numbers of the"),
+        ("contact_total", lambda total: total[:2], "contact_total: needs 4 finite numbers"),
+        ("contact_clearance", lambda gaps: gaps[:2], "contact_clearance: needs 4 finite numbers"),
     ],
 )
 def test_arrays_that_do_not_fit_are_refused_by_their_key(made, tmp_path, key, spoil, complaint):
