@@ -26,7 +26,7 @@ OWN = "own"
 CORES = ("Prescott", OWN)
 CABLES = shipped_scene("table").with_name("cables")
 SCENES = (*sorted(shipped_scenes()), *map(str, sorted(CABLES.glob("*.yaml"))))
-STEPS = 20
+STEPS = 300  # more than between two looks at a plane cable that may fall over
 VARIABLE = "OPENBLAS_CORETYPE"
 
 Hashes = dict[str, str]
