@@ -24,10 +24,11 @@ SCENES = {
         "obstacles.names": ["table"],
         "obstacles.table.shape": "plane",
     },
-    "arch that falls over": {
-        "start.tangent": [0.0, 0.0, 1.0],
-        "end.position": [0.3, 0.0, 0.0],
-        "end.tangent": [0.0, 0.0, -1.0],
+    "arc that falls over": {
+        "start.clamped": False,
+        "end.clamped": False,
+        "end.position": [0.5, 0.0, 0.0],
+        "gravity": [0.0, 0.0, 9.81],
         "initial.shape": "straight",
         "terms.out_of_plane": "on",
     },
