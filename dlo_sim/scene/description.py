@@ -303,11 +303,9 @@ class Contact:
         self: Whether the cable touches itself, with contact.friction, instead of passing through
             itself; needs energy_momentum or implicit_midpoint. auto = off, with a warning where it
             passes through.
-        stiffness: Contact force per unit length and penetration depth; 0 = chosen so that its
-            weight on earth presses the cable into an obstacle by a thousandth of its diameter, a
-            usual tension round an edge or a body by about a fiftieth, and that its tip gives way
-            less than a fortieth of what the cable itself does; segments of the cable that touch
-            each other, by a four-hundredth under the weight of all of it.
+        stiffness: Contact force per unit length and penetration depth; 0 = chosen so that under
+            earth gravity a cable penetrates a plane by a thousandth of its diameter, and another
+            obstacle that all of it hangs over by at most a hundredth.
         restitution: Speed at which the cable leaves an obstacle that it hits, in the speed at which
             it came: 0 = it lies where it lands, 1 = it bounces without loss; the same at every
             step.
