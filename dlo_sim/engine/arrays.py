@@ -286,6 +286,7 @@ class State(Group):
         "contact_way",  # by how much cable and obstacles moved since [m]
         "contact_carried",  # by how much obstacles move in this step [m]
         "extrapolated_share",  # of the second difference that `implicit.predict` extrapolates
+        "yields",  # 1 if an obstacle has yielded to a sample
         "contact_deep",  # samples and steps near the middle of an obstacle
         "pairs",  # of segments that may touch in a step (`self_contact`)
         "pairs_lost",  # for which there was no room in accepted steps
@@ -303,11 +304,12 @@ class State(Group):
     natural = Lanes("curved_blocks", "samples", 4)  # weight EI kappa0 (3), rest twist [rad/m]
     plastic = Lanes("plastic_blocks", "samples", 9)  # curvature; tangent, curvature before
     pose = Reals("obstacles", 36)  # at the start, the middle and the end of a step (`contact`)
-    # Less reach at the start and the end of a step, and how deep the cable was one step before [m].
-    yielded = Reals("obstacles", 3)
     near_count = Reals("obstacles")
     near = Reals("obstacles", "groups")  # so many groups of samples that may touch the obstacle
     bristle = Lanes("obstacles", "groups", 3)  # friction that sticks, in its frame [m]
+    # By how much less an obstacle reaches to a sample at the start and end of a step [m], and how
+    # deep the sample was in it, without that, at the start of the last one.
+    yielded = Lanes("obstacles", "groups", 3)
     near_pair = Reals("near_pairs")  # spans a <= b that may touch: a times spans plus b
     pair = Reals(4, "pairs")  # segments that may touch (`self_contact.key_of`), bristle [m]
 

@@ -43,11 +43,12 @@ the tangent t. Friction then sees dy - phi l in place of dy, and turns the cable
 the moment - l.f per length (`engine.rolling`). Without that, friction acts on the axis. The moment
 of friction along the cable, which bends it, is left out.
 
-**Jumps.** An obstacle that jumps into the cable would fling it out. It yields instead: its reach is
-less by as much as leaves the pressure what it was (`simulation.obstacles.give_way`), and grows back
-at the speed RETURN where the cable gives way. Where it does not, being held or pushed out of two
-opposite sides, it grows slowly, and waits at last; its force is bounded. The gap then changes by
-n.dy and the growth, whose work p times growth is that of the obstacle.
+**Jumps.** An obstacle that jumps into the cable would fling it out. It yields instead: it reaches
+less far to each sample by as much as leaves the pressure what it was
+(`simulation.obstacles.give_way`), and grows back at the speed RETURN where the cable gives way.
+Where it does not, being held or pushed out of two opposite sides, it grows slowly, and waits at
+last; its force is bounded. The gap then changes by n.dy and the growth, whose work p times growth
+is that of the obstacle.
 
 **Broad phase.** Groups of samples near an obstacle are found for many steps at once: until cable
 and obstacles have moved by `balance.contact_margin`.
@@ -98,9 +99,10 @@ TINY = 1e-30
 SMOOTH = 1e-18  # [m^2], of a motion of 1e-9 m, below which n needs no directional part
 JUMP = 0.05  # share of the reach that a step may move past an obstacle without a look at normals
 RETURN = 0.2  # [m/s], at which an obstacle that has yielded pushes the cable out
-# Weights of the cable on earth with which what an obstacle that yields has left may press it: at
-# once, and where it does not follow, being held, after RISE [s]: a sudden push would lever it out.
-EASY, PRESSED, RISE, EARTH = 10.0, 200.0, 0.1, 9.81
+# An obstacle that has yielded to a sample grows back by up to FOLLOWED times as much in a step as
+# the sample came out in the last one; where it does not, being held, until the pressure is that of
+# so many weights of the cable on EARTH, after RISE [s], as a sudden push would lever it out.
+FOLLOWED, PRESSED, RISE, EARTH = 2.0, 150.0, 0.15, 9.81
 SHALLOW = 0.03  # diameters that a cable may begin inside, and of what is not worth a word
 STOP = 1e2  # penalty for other velocities than those after contact, in linear densities
 SAME = 1e-3  # change of an impulse of friction, in its limit, that counts as none
@@ -142,7 +144,9 @@ def copy_pose(pose, at, to):
 @part
 def settle_yielding(cable, o, at):
     """What an obstacle yields at the start (0) or end (1) of a step is that of the whole step."""
-    cable.state.yielded[o, 1 - at] = cable.state.yielded[o, at]
+    for k in range(int(cable.state.near_count[o])):
+        yielded = cable.state.yielded[o, int(cable.state.near[o, k])]
+        yielded[1 - at] = yielded[at]
 
 
 @part
@@ -559,12 +563,12 @@ def pressed(k, g0, g1):
 
 
 @part
-def pressure(cable, o, steps, here, there, dy):
+def pressure(cable, o, g, steps, here, there, dy):
     """Gaps before and after, n, loss, p, dp/dg1, f0 + f1, 1 where the step may have passed through
     the obstacle, and 1 near its middle, for a step dy between two `measured`; not `steps`: at its
     end, with half the derivative, as of one of two configurations that are the same.
     """
-    contact, yielded = cable.contact, cable.state.yielded[o]
+    contact, yielded = cable.contact, cable.state.yielded[o, g]
     law, reach, both = contact.law[o], contact.reach[o], here[2] + there[2]
     g0 = here[0] - (reach - (yielded[0] if steps else yielded[1]))
     g1 = there[0] - (reach - yielded[1])
@@ -609,6 +613,14 @@ def along(n, inverse, v):
 
 
 @part
+def friction_at(cable, o, g):
+    """Coefficients of friction of the samples of a group: 0 where the obstacle has yielded, as it
+    would hold fast what it pushes out in different directions.
+    """
+    return where(cable.state.yielded[o, g, 1], 0.0, cable.contact.law[o, FRICTION])
+
+
+@part
 def friction(stiff, limit, n, dy, z):
     """Trial force T, the share of it that holds, |T|, P z, P dy, for the largest force `limit`;
     `stiff`: factors of P z and P dy in T.
@@ -647,7 +659,6 @@ def add_force(cable, steps, waits, x0, x1, out):
     for o in range(contact.count):
         law, pose = contact.law[o], state.pose[o]
         rubbed, k_t = steps and law[FRICTION] > 0.0, law[BRISTLE]
-        grown = state.yielded[o, 0] - state.yielded[o, 1] if steps else 0.0
         for k in range(int(state.near_count[o])):
             g = int(state.near[o, k])
             if begun == BEGUN and work.measured_known[o, g, BEGUN] != OF_STEP:
@@ -664,7 +675,7 @@ def add_force(cable, steps, waits, x0, x1, out):
                     lost += stored
                     kept = kept - stored
                 continue
-            gaps, n, loss, p, slope, _, jumped, deep = pressure(cable, o, steps, here, there, dy)
+            gaps, n, loss, p, slope, _, jumped, deep = pressure(cable, o, g, steps, here, there, dy)
             jumps += where(w, jumped, 0.0)
             depths += where(w, deep, 0.0)
             # A checksum: every sample adds its mark if it is pressed, 0.7 marks if it ends outside,
@@ -674,7 +685,8 @@ def add_force(cable, steps, waits, x0, x1, out):
             mark = 1.0 + fabs(before[PLACE]) + fabs(before[PLACE + 1])
             touched += where(p, mark, 0.0) + where(gaps[1], 0.7 * mark, 0.0)
             lost += w * loss
-            worked += w * grown * p
+            if steps:
+                worked += w * (state.yielded[o, g, 0] - state.yielded[o, g, 1]) * p
             f = scaled(p, n)
             if rubbed:
                 z = vector_of(state.bristle[o, g])
@@ -682,7 +694,8 @@ def add_force(cable, steps, waits, x0, x1, out):
                 if cable.terms & ROLLING:
                     phi, lever = rolled(cable, o, g, x0, x1, n)
                     seen = combined(1.0, dy, -phi, lever)
-                trial, share, _, held, slip = friction((k_t, k_t), law[FRICTION] * p, n, seen, z)
+                mu = friction_at(cable, o, g)
+                trial, share, _, held, slip = friction((k_t, k_t), mu * p, n, seen, z)
                 if not waits:
                     f = combined(1.0, f, -share, trial)
                 if cable.terms & ROLLING:
@@ -691,8 +704,8 @@ def add_force(cable, steps, waits, x0, x1, out):
                     worked += w * moment * (own - phi)
                     if waits:
                         free = combined(1.0, trial, own * k_t, lever)
-                        lean = scaled(law[FRICTION] * slope, there[1])
-                        keep_for_twist(cable, o, g, free, lever, law[FRICTION] * p, lean)
+                        lean = scaled(mu * slope, there[1])
+                        keep_for_twist(cable, o, g, free, lever, mu * p, lean)
                     else:
                         push_line(cable, g, cable.dim, w * moment, out)
                 else:
@@ -732,7 +745,7 @@ def energy(cable, x, out):
             g = int(state.near[o, k])
             measure(cable, o, g, ENDED, x)
             gap = cable.work.measured[o, g, ENDED][DISTANCE] - contact.reach[o]
-            deep = depth(gap + state.yielded[o, 1])
+            deep = depth(gap + state.yielded[o, g, 1])
             z = vector_of(state.bristle[o, g])
             stored = law[STIFFNESS] * deep * deep + law[BRISTLE] * dot(z, z)
             sum_ += 0.5 * contact.weight[g] * stored
@@ -759,16 +772,18 @@ def pressed_by_motion(there, found):
 
 
 @part
-def rubbed_by_motion(law, there, found, trial):
-    """Minus d f / d y1, by lines, for the trial force of `friction` or `rolling_trial`."""
+def rubbed_by_motion(k_t, mu, there, found, trial):
+    """Minus d f / d y1, by lines, for the trial force of `friction` or `rolling_trial` and the
+    coefficient of friction mu.
+    """
     n1 = there[1]
     _, n, _, p, slope, _, _, _ = found
     far = sqrt(dot(trial, trial)) + TINY
-    limit = law[FRICTION] * p
+    limit = mu * p
     share = where(limit - far, 1.0, limit / far)
     slides = where(share - 1.0 + 1e-15, 0.0, 1.0) * where(p, 1.0, 0.0)
     ahead = scaled(1.0 / far, trial)
-    hold, lean = share * law[BRISTLE], law[FRICTION] * slides * slope
+    hold, lean = share * k_t, mu * slides * slope
     gone, flat = hold * slides, hold / (dot(n, n) + TINY)
     h = (
         combined(lean * ahead[0], n1, -flat * n[0], n),
@@ -808,18 +823,19 @@ def add_tangent(cable, steps, x0, x1, scale, band):
             here, there = measured(before), measured(after)
             if misses(contact, o, here, there, dy):
                 continue
-            found = pressure(cable, o, steps, here, there, dy)
+            found = pressure(cable, o, g, steps, here, there, dy)
             if lane_sum(found[3]) == 0.0:
                 continue
             h = pressed_by_motion(there, found)
             if rubbed:
+                mu = friction_at(cable, o, g)
                 if cable.terms & ROLLING:
                     trial = rolling_trial(cable, o, g, work.change)
                 else:
-                    z, limit = vector_of(state.bristle[o, g]), law[FRICTION] * found[3]
+                    z, limit = vector_of(state.bristle[o, g]), mu * found[3]
                     k_t = law[BRISTLE]
                     trial = friction((k_t, k_t), limit, found[1], dy, z)[0]
-                rub = rubbed_by_motion(law, there, found, trial)
+                rub = rubbed_by_motion(law[BRISTLE], mu, there, found, trial)
                 h = (
                     combined(1.0, h[0], 1.0, rub[0]),
                     combined(1.0, h[1], 1.0, rub[1]),
@@ -964,7 +980,7 @@ def body_velocity(pose, y, begins, tau):
 def is_pressed(cable, o, g):
     """Whether any sample of a group is pressed at the end of a step, as last looked at."""
     gap = cable.work.measured[o, g, ENDED][DISTANCE] - cable.contact.reach[o]
-    return any_above(-(gap + cable.state.yielded[o, 1]))
+    return any_above(-(gap + cable.state.yielded[o, g, 1]))
 
 
 @part
@@ -978,12 +994,12 @@ def after_contact(cable, o, g, tau, v):
     before, after = work.measured[o, g, BEGUN], work.measured[o, g, ENDED]
     here, there = measured(before), measured(after)
     dy = combined(1.0, three(after, PLACE), -1.0, three(before, PLACE))
-    found = pressure(cable, o, YES, here, there, dy)
+    found = pressure(cable, o, g, YES, here, there, dy)
     n, p, rubbed, lever = there[1], found[3], (zero(), zero(), zero()), (zero(), zero(), zero())
     carried = body_velocity(pose, three(after, PLACE), NO, tau)
     u = turned_back(pose, END, combined(1.0, sample_at(cable, v, g), -1.0, carried))
     if law[FRICTION] > 0.0:
-        limit, z = law[FRICTION] * p, vector_of(cable.state.bristle[o, g])
+        limit, z = friction_at(cable, o, g) * p, vector_of(cable.state.bristle[o, g])
         if cable.terms & ROLLING:
             lever = three(work.rolling[o, g], LEVER)
             spins = line_at(cable, v, g, cable.dim)
@@ -1016,7 +1032,7 @@ def begin_stops(cable, tau, v):
             if not is_pressed(cable, o, g):
                 continue
             n, p, rubbed, u, excess, _, _ = after_contact(cable, o, g, tau, v)
-            limit = contact.law[o, FRICTION] * p
+            limit = friction_at(cable, o, g) * p
             holds = where(limit * limit - (1.0 + SAME) * dot(rubbed, rubbed), 1.0, 0.0)
             across = combined(1.0, u, -dot(n, u), n)
             lacking = where(p, excess * excess, 0.0) + holds * dot(across, across)
@@ -1064,7 +1080,7 @@ def look_at_stops(cable, tau, v, last):
     contact, stiff = cable.contact, STOP * cable.contact.density
     worked, wrong = zero(), zero()
     for o in range(contact.count):
-        pose, friction_ = cable.state.pose[o], contact.law[o, FRICTION]
+        pose = cable.state.pose[o]
         for k in range(int(cable.state.near_count[o])):
             g = int(cable.state.near[o, k])
             if not is_pressed(cable, o, g):
@@ -1080,9 +1096,9 @@ def look_at_stops(cable, tau, v, last):
                 wrong += where(w, where(fabs(excess) * stiff - SAME * fabs(push), 1.0, 0.0), 0.0)
             if not last:
                 stops[4] = push if contact.restitution > 0.0 else stops[4]
-            if friction_ == 0.0:
+            if contact.law[o, FRICTION] == 0.0:
                 continue
-            limit = friction_ * where(p + push, p + push, 0.0)
+            limit = friction_at(cable, o, g) * where(p + push, p + push, 0.0)
             whole = combined(1.0, rubbed, 1.0, f)
             size = sqrt(dot(whole, whole)) + TINY
             speed = sqrt(dot(across, across)) + TINY
@@ -1137,6 +1153,9 @@ def find_near(cable, x, margin):
             if any_above(where(there, room, 0.0)):
                 state.near[o, int(state.near_count[o])] = g
                 state.near_count[o] += 1.0
+            else:
+                for k in range(3):
+                    state.yielded[o, g, k] = zero()
 
 
 @part
@@ -1162,11 +1181,8 @@ def begin(cable, t0, tau, way, x):
             set_pose(cable, o, MIDDLE, t0 + 0.5 * tau)
             set_pose(cable, o, END, t0 + tau)
             carried = max(carried, pose_way(cable, o))
-    for o in range(cable.contact.count):
-        left = max(cable.state.yielded[o, 0] - RETURN * tau, 0.0)
-        cable.state.yielded[o, 1] = left
-        if cable.state.yielded[o, 0] > 0.0:
-            carried = max(carried, RETURN * tau)
+    if balance.yields > 0.0:
+        carried = max(carried, RETURN * tau)
     way = 1.5 * (way + carried)
     if not balance.contact_way + way < balance.contact_margin:
         balance.contact_margin = AHEAD * way + cable.contact.least_margin
@@ -1177,32 +1193,33 @@ def begin(cable, t0, tau, way, x):
         for k in range(int(cable.state.near_count[o])):
             known = cable.work.measured_known[o, int(cable.state.near[o, k])]
             known[BEGUN] = min(known[BEGUN], KNOWN)
-        if cable.state.yielded[o, 0] > 0.0:
-            laid = EARTH * cable.contact.density / cable.contact.law[o, STIFFNESS]
-            before = cable.state.yielded[o, 0]
-            deepest = deepest_begun(cable, o, x)
-            out = cable.state.yielded[o, 2] - deepest  # in the last step
-            room = max(deepest - before + out, EASY * laid) + PRESSED * laid * tau / RISE
-            least = deepest - min(room, PRESSED * laid)
-            cable.state.yielded[o, 2] = deepest
-            least = min(least, before)  # no further in, whatever pulls
-            cable.state.yielded[o, 1] = max(cable.state.yielded[o, 1], least)
+    if balance.yields > 0.0:
+        grow_back(cable, tau, x)
 
 
 @part
-def deepest_begun(cable, o, x):
-    """How deep the cable is in an obstacle that does not yield at the start of a step [m]."""
-    deepest = zero()
-    for k in range(int(cable.state.near_count[o])):
-        g = int(cable.state.near[o, k])
-        measure(cable, o, g, BEGUN, x)
-        deep = cable.contact.reach[o] - cable.work.measured[o, g, BEGUN][DISTANCE]
-        deep = where(fabs(cable.contact.weight[g]), deep, 0.0)
-        deepest = where(deep - deepest, deep, deepest)
-    most = 0.0
-    for k in range(LANES):
-        most = max(most, lane(deepest, k))
-    return most
+def grow_back(cable, tau, x):
+    """Let what obstacles have yielded become less in a step of length tau from x."""
+    contact, state, left = cable.contact, cable.state, zero()
+    for o in range(contact.count):
+        most = PRESSED * EARTH * contact.density / contact.law[o, STIFFNESS]
+        for k in range(int(state.near_count[o])):
+            g = int(state.near[o, k])
+            yielded = state.yielded[o, g]
+            before = yielded[0]
+            if not any_above(before):
+                continue
+            measure(cable, o, g, BEGUN, x)
+            deep = contact.reach[o] - cable.work.measured[o, g, BEGUN][DISTANCE]
+            grown = FOLLOWED * (yielded[2] - deep)  # out of it in the last step
+            grown = where(grown - most * tau / RISE, grown, most * tau / RISE)
+            grown = where(grown - RETURN * tau, RETURN * tau, grown)
+            room = before - deep  # where it does not press, to where it does
+            grown = where(room, where(room - RETURN * tau, RETURN * tau, room), grown)
+            after = before - where(most + room, grown, 0.0)
+            yielded[1], yielded[2] = where(after, after, 0.0), deep
+            left += yielded[1]
+    state.balance.yields = 1.0 if lane_sum(left) > 0.0 else 0.0
 
 
 @part
@@ -1276,7 +1293,7 @@ def report(address, obstacle, out):
         measure(cable, o, g, ENDED, state.x)
         d, n, _, _ = measured(cable.work.measured[o, g, ENDED])
         gap, z = d - contact.reach[o], vector_of(state.bristle[o, g])
-        f = combined(-law[STIFFNESS] * depth(gap + state.yielded[o, 1]), n, -law[BRISTLE], z)
+        f = combined(-law[STIFFNESS] * depth(gap + state.yielded[o, g, 1]), n, -law[BRISTLE], z)
         f = scaled(contact.weight[g], to_lines(pose, END, f))
         for k in range(LANES):
             values[g, 4 * k], values[g, 4 * k + 1] = lane(gap, k), lane(f[0], k)

@@ -67,7 +67,8 @@ class Cable:
     and of a hose its bore d.
 
     Parameters:
-        length: Rest length L.
+        length: Rest length L; where it touches, its round tips reach half a diameter beyond both
+            ends.
         diameter: Diameter D of the round section.
         density: Density rho.
         youngs_modulus: Young's modulus E.
@@ -303,13 +304,16 @@ class Contact:
         self: Whether the cable touches itself, with contact.friction, instead of passing through
             itself; needs energy_momentum or implicit_midpoint. auto = off, with a warning where it
             passes through.
-        stiffness: Contact force per unit length and penetration depth; 0 = chosen so that under
-            earth gravity a cable penetrates a plane by a thousandth of its diameter, and another
-            obstacle that all of it hangs over by at most a hundredth.
+        stiffness: Contact force per unit length and penetration depth; 0 = chosen for each
+            obstacle: so that the weight on earth presses the cable in by a thousandth of its
+            diameter, usual tension round an edge or a body by a fiftieth, its tip gives way by a
+            fortieth of what the cable gives way along itself, and no throw at inputs.max_speed
+            goes through a body.
         restitution: Speed at which the cable leaves an obstacle that it hits, in the speed at which
             it came: 0 = it lies where it lands, 1 = it bounces without loss; the same at every
             step.
-        damping: Share of critical damping where the cable touches itself: 0 = it bounces.
+        damping: Share of critical damping where the cable touches itself, and nowhere else: 0 = it
+            bounces.
         friction: Coefficient of friction of the cable on itself, and on obstacles that have none of
             their own.
         markers: Largest number of obstacles that markers on ~/obstacles add while the node runs;

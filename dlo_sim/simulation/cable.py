@@ -104,42 +104,43 @@ class Cable:
         self.account.load_work += pending
         self._forget_history()
 
-    def _touched(self) -> dict[Obstacle, tuple[Array, Array, Samples]]:
-        """Motion, yielding and bristles of every obstacle."""
-        contact, bristles = self.arrays.contact, np.array(self.arrays.state.bristle)
-        samples = [(one, contact.coarse, contact.pieces) for one in bristles]
-        yielded = self.arrays.state.yielded.copy()
-        rows = zip(self.obstacles.copy(), yielded, samples, strict=True)
+    def _touched(self) -> dict[Obstacle, tuple[Array, Samples]]:
+        """Motion of every obstacle, and its bristles and yielding."""
+        contact, state = self.arrays.contact, self.arrays.state
+        held = np.concatenate([np.asarray(state.bristle), np.asarray(state.yielded)], axis=2)
+        samples = [(one, contact.coarse, contact.pieces) for one in held]
+        rows = zip(self.obstacles.copy(), samples, strict=True)
         return dict(zip(self.model.obstacles, rows, strict=False))
 
-    def _touch(self, before: Mapping[Obstacle, tuple[Array, Array, Samples]]) -> None:
+    def _touch(self, before: Mapping[Obstacle, tuple[Array, Samples]]) -> None:
         """Continue what was before with the obstacles that there are still; the others rest in
         their places.
         """
-        state, pieces = self.arrays.state, self.arrays.contact.pieces
-        bristles = np.asarray(state.bristle)
         for k, (obstacle, place) in enumerate(self.model.obstacles.items()):
             if k < len(self.obstacles):
                 self.obstacles[k] = place
                 if obstacle in before:
-                    self.obstacles[k], state.yielded[k], kept = before[obstacle]
-                    bristles[k] = resampled(*kept, pieces)
+                    self.obstacles[k], kept = before[obstacle]
+                    held = resampled(*kept, self.arrays.contact.pieces)
+                    np.asarray(self.arrays.state.bristle)[k] = held[:, :3]
+                    np.asarray(self.arrays.state.yielded)[k] = held[:, 3:]
+                    self.account.yields = 1.0  # until a step has looked
 
     def take_over_contact(self, other: Cable) -> None:
-        """Go on with the yielding of another cable's obstacles of the same names, and with the
-        friction that holds if its control points have the same knots.
+        """Go on with the friction that holds another cable on obstacles of the same names, if its
+        control points have the same knots.
         """
-        same = np.array_equal(self.model.knots, other.model.knots)
+        if not np.array_equal(self.model.knots, other.model.knots):
+            return
         laws = other.arrays.contact.law[:, contact.BRISTLE]
         touched = zip(other._touched().items(), laws, strict=False)
         theirs = {obstacle.name: (*kept, law) for (obstacle, kept), law in touched}
         state, group = self.arrays.state, self.arrays.contact
         for k, obstacle in enumerate(self.model.obstacles):
             if k < len(self.obstacles) and obstacle.name in theirs:
-                _, state.yielded[k], kept, law = theirs[obstacle.name]
-                if same:
-                    force = law * resampled(*kept, group.pieces)
-                    np.asarray(state.bristle)[k] = force / group.law[k, contact.BRISTLE]
+                _, kept, law = theirs[obstacle.name]
+                force = law * resampled(*kept, group.pieces)[:, :3]
+                np.asarray(state.bristle)[k] = force / group.law[k, contact.BRISTLE]
 
     def _set_pairs(self, pairs: Array, axes: Sequence[int]) -> None:
         """Set the pairs of segments and the bristles between them, which are by these axes."""
@@ -495,6 +496,7 @@ class Cable:
         """
         cable, state = scene.cable, self.arrays.state
         numbers_of(state.balance)[:] = 0.0
+        state.balance.yields = float(np.asarray(state.yielded).any())
         state.energy[:] = state.energy_begin[:] = 0.0
         if self.model.has(SELF):
             self._begin_strands(before, released)

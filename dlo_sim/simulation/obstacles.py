@@ -219,10 +219,8 @@ def stiffness(scene: Scene, obstacle: Obstacle) -> float:
     cable, radius = scene.cable, 0.5 * scene.cable.diameter
     if scene.contact.stiffness:
         return scene.contact.stiffness
-    spans = scene.discretization.control_points - bspline.DEGREE
-    apart = cable.length / spans / (LANES * pieces_of(scene))
     laid = cable.mu * EARTH / (DEPTH * cable.diameter)
-    pushed = TIP * cable.EA / (cable.length * (0.5 * apart + radius))
+    pushed = TIP * cable.EA / (cable.length * radius)
     if obstacle.shape == "plane":
         return max(laid, pushed)
     _, half, reach = core_of(obstacle, radius)
@@ -350,7 +348,7 @@ def contact_with(
             rings and channels (GUIDES). tension: [N] at material coordinates [m]; None = not known.
     """
     model = cable.model
-    u, weights, found = _samples(cable, number)
+    u, weights, found, _ = _samples(cable, number)
     touches = np.any(found[:, 1:] != 0.0, axis=1)
     forces = np.zeros((int(touches.sum()), 3))
     forces[:, list(model.axes)] = found[touches, 1 : 1 + len(model.axes)]
@@ -370,46 +368,60 @@ def contact_with(
     )
 
 
-def _samples(cable: Cable, number: int) -> tuple[Array, Array, Array]:
+def _samples(cable: Cable, number: int) -> tuple[Array, Array, Array, NDArray[np.int64]]:
     """Material coordinates [m], rising, and weights [m] of the samples that may touch an obstacle,
-    and their gaps [m] and forces (`engine.contact.report`), shape (k, 4).
+    their gaps [m] and forces (`engine.contact.report`), shape (k, 4), and their numbers, LANES
+    times the group plus the lane.
     """
     model, group = cable.model, cable.arrays.contact
-    rows = np.zeros((len(group.first), 4 * LANES))
-    cable.call(contact.report, number, rows)
-    coarse, fine = by_span(rows.reshape(-1, LANES, 4), group.coarse, model.n - bspline.DEGREE)
+    reported = np.zeros((len(group.first), 4 * LANES))
+    cable.call(contact.report, number, reported)
+    numbers = np.arange(len(reported) * LANES).reshape(-1, LANES, 1)
+    rows = np.concatenate([reported.reshape(-1, LANES, 4), numbers], axis=-1)
+    coarse, fine = by_span(rows, group.coarse, model.n - bspline.DEGREE)
     flat = group.core[number] == contact.HALF_SPACE
     rule = rule_of(tuple(model.knots.tolist()), 0 if flat else group.pieces, group.radius)
     there = rule.weights != 0.0
     u = rule.places(bspline.breaks(model.knots))[there]
-    return u, rule.weights[there], (coarse if flat else fine)[there]
+    found = (coarse if flat else fine)[there]
+    return u, rule.weights[there], found[:, :4], found[:, 4].astype(int)
 
 
 def pressure_by(cable: Cable, number: int) -> Pressure:
     """Pressure of an obstacle on the cable at rest in the present configuration."""
-    u, _, rows = _samples(cable, number)
-    depth = np.maximum(-rows[:, 0] - cable.arrays.state.yielded[number, 1], 0.0)
+    u, _, rows, at = _samples(cable, number)
+    depth = np.maximum(-rows[:, 0] - _yielded(cable, number)[:, 1].ravel()[at], 0.0)
     stiff = cable.arrays.contact.law[number, contact.STIFFNESS]
     return u / cable.model.knots[-1], stiff * depth
 
 
+def _yielded(cable: Cable, number: int) -> Array:
+    """What an obstacle yields (`State.yielded`), a view of shape (groups, 3, LANES)."""
+    return np.asarray(cable.arrays.state.yielded)[number]
+
+
 def give_way(cable: Cable, number: int, kept: Pressure, let_be: float = 0.0) -> float:
     """Let an obstacle yield until it presses no place of the cable more than `kept`, so that what
-    has changed stores no energy that would fling the cable out; returns by how much more [m].
+    has changed stores no energy that would fling the cable out; returns by how much more at most
+    [m].
 
     Args:
         let_be: pressure [N/m] up to which it does not yield, if the cable is SHALLOW inside.
     """
-    u, _, rows = _samples(cable, number)
-    group = cable.arrays.contact
+    u, _, rows, at = _samples(cable, number)
+    group, yielded = cable.arrays.contact, _yielded(cable, number)
     stiff, thick = group.law[number, contact.STIFFNESS], group.least_margin
     depth = -rows[:, 0] - np.interp(u / cable.model.knots[-1], *kept) / stiff
-    most = float(depth.max())
     least = max(min(let_be / stiff, contact.SHALLOW * thick), ROUNDED * thick)
-    yielded = most if most > least else 0.0
-    before = float(cable.arrays.state.yielded[number, 1])
-    cable.arrays.state.yielded[number] = yielded, yielded, -rows[:, 0].min()
-    return yielded - before
+    before = yielded[:, 1].ravel()[at]
+    most = float(depth.max())
+    now = most if most > least else 0.0  # everywhere, so that it grows back in its own shape
+    group_, lane = np.divmod(at, LANES)
+    yielded[group_, 0, lane] = yielded[group_, 1, lane] = now
+    yielded[group_, 2, lane] = -rows[:, 0]
+    if now > 0.0:
+        cable.account.yields = 1.0
+    return float((now - before).max())
 
 
 def tension_along(scene: Scene, cable: Cable) -> Callable[[Array], Array] | None:

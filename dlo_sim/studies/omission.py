@@ -76,7 +76,7 @@ def _sprung(scene: Scene) -> Values:
 
 
 def _smooth(scene: Scene) -> Values:
-    """No obstacle with friction, which rattle does not know."""
+    """No obstacle with friction."""
     return {f"obstacles.{one.name}.friction": 0.0 for one in scene.obstacles}
 
 
@@ -105,6 +105,7 @@ NOTHING: Values = {
 HELD: Values = {"start.fixed": [True] * 3, "end.fixed": [True] * 3, **FREE}
 RATTLE: Values = {"integrator.method": "rattle", "integrator.step": 0.0}
 FRENET: Values = {"terms.twist": "frenet", "torsion.curvature_floor": FLOOR}
+UNTOUCHED: Values = {"terms.contact": "off"}  # also for methods whose steps cannot land
 GROUND: Values = {"obstacles.names": ["ground"], "obstacles.ground.position": [0.0, 0.0, -DEEP]}
 YIELDING: Values = {"plasticity.yield_curvature": NEVER, "terms.plasticity": "on"}
 DRAG: Values = {"damping.air_drag": TINY}
@@ -116,7 +117,7 @@ TERMS = {
     "frenet": Term(FRENET, TWIST, "terms.twist is not frenet"),
     "bishop": Term(BISHOP, TWIST, "terms.twist is not bishop"),
     "quasistatic": Term({"terms.twist": "quasistatic"}, BISHOP, "terms.twist is not quasistatic"),
-    "contact": Term(GROUND, {"terms.contact": "off"}, along=("friction",)),
+    "contact": Term(GROUND, UNTOUCHED, along=("friction",)),
     "self_contact": Term({"contact.self": "on"}, {"contact.self": "off"}),
     "friction": Term({"contact.friction": 0.3}, _smooth),
     "plasticity": Term(YIELDING, {"terms.plasticity": "off"}),
@@ -138,17 +139,12 @@ TERMS = {
 VERLET: Values = {"integrator.method": "velocity_verlet", "integrator.step": 0.0}
 PLAIN: Values = {"damping.stiffness": 0.0, "damping.air_drag": 0.0}
 UNBENT: Values = {"cable.rest_curvature": [0.0]}
-
-
 # The inertia of twist is left out by an implicit method only.
 IMPLICIT: Values = {"integrator.method": "energy_momentum", "integrator.step": 0.0}
-METHODS: tuple[Values, ...] = (
-    *({}, VERLET, {**VERLET, **PLAIN}, {**VERLET, **PLAIN, **UNBENT}),
-    IMPLICIT,
-)
+OTHERS: tuple[Values, ...] = ({}, VERLET, {**VERLET, **PLAIN}, {**VERLET, **PLAIN, **UNBENT})
+METHODS = (*OTHERS, IMPLICIT, *({**one, **UNTOUCHED} for one in OTHERS))
 COMMON: tuple[Change, ...] = (
     {},
-    _smooth,
     _present_twist,
     TWIST,
     SPACE,
@@ -158,6 +154,7 @@ COMMON: tuple[Change, ...] = (
     {**TWIST, "end.clamped": False},
     {**TWIST, **STILL},
     GROUND,
+    {**GROUND, **BISHOP},
 )
 
 

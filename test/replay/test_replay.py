@@ -126,14 +126,14 @@ def test_a_hand_seen_by_two_markers_takes_the_cable_beside_a_wall_that_comes(
     held = scene.with_values({f"grasps.{key}": value for key, value in hand.items()})
     (tmp_path / "finger.glb").write_bytes(solids.files(solids.sphere(0.03, 8), "glb"))
     finger = {"shape": "mesh", "mesh": str(tmp_path / "finger.glb"), "pose_topic": "/finger"}
-    finger |= {"mesh_cells": 16, "position": [-0.09, 0.19, 0.21]}
+    finger |= {"mesh_cells": 16, "position": [0.03, 0.19, 0.21]}
     touched = {f"obstacles.finger.{key}": value for key, value in finger.items()}
     held = held.with_values({"obstacles.names": ["finger"], "contact.markers": 2} | touched)
     markers, pose = cdr.PoseArrayEncoder("world", 2), cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
     corners = solids.box(1.0, 1.0, 1.0).reshape(-1, 3)
     messages = [*recorded, ("/closed", T0 + 500 * MS, b"\x00\x01\x00\x00\x01")]
     for stamp in range(T0 + 200 * MS, T0 + 1200 * MS, 100 * MS):  # a wall that comes near
-        x = 0.25 - 0.15e-9 * (stamp - T0)
+        x = 0.25 - 0.09e-9 * (stamp - T0)
         wall = marker(0, (x, 0.0, 0.3), (0.2, 1.0, 1.0), cdr.TRIANGLE_LIST, points=corners)
         messages.append(("/dlo_sim/obstacles", stamp, array(stamp, wall)))
     for stamp in range(T0, T0 + 1500 * MS, 10 * MS):
@@ -141,7 +141,7 @@ def test_a_hand_seen_by_two_markers_takes_the_cable_beside_a_wall_that_comes(
         markers.rows[:, :3] = [[0.0, y, 0.3], [0.0, y, 0.28]]
         messages.append(("/markers", stamp, markers.encode(stamp)))
         y = 0.19 - 5e-11 * (stamp - T0)
-        messages.append(("/finger", stamp, pose.encode(stamp, (-0.09, y, 0.21, 0, 0, 0, 1))))
+        messages.append(("/finger", stamp, pose.encode(stamp, (0.03, y, 0.21, 0, 0, 0, 1))))
     messages.sort(key=lambda message: message[1])
     types = {"/gripper_pose": cdr.POSE_STAMPED, "/wrench": cdr.WRENCH_STAMPED}
     types |= {"/markers": cdr.POSE_ARRAY, "/closed": cdr.BOOL, "/finger": cdr.POSE_STAMPED}

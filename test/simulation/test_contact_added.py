@@ -153,7 +153,10 @@ def test_unknown_ones_and_explicit_methods_are_refused():
         floor.remove_obstacles(["floor"])
     with pytest.raises(ValueError, match="none can be added with integrator.method velocity_ve"):
         sim.add_obstacles([TABLE])
-    with pytest.raises(ValueError, match="velocity_verlet is not valid with contact.markers 4"):
+    with pytest.raises(
+        ValueError,
+        match=r"velocity_verlet is not valid with terms.contact auto \(contact.markers\)",
+    ):
         lying(**{"integrator.method": "velocity_verlet", "contact.markers": 4})
     with pytest.raises(ValueError, match="contact.markers: 4 obstacles would do nothing"):
         lying(**{"terms.contact": "off", "contact.markers": 4})

@@ -8,7 +8,6 @@ from cables import simulator
 
 from dlo_sim import Simulator, load_scene
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.simulation.report import Status
 
 RADIUS = 0.003
 LYING = {
@@ -44,23 +43,22 @@ def fastest(sim):
     return np.linalg.norm(sim.velocities[:, :3], axis=1).max()
 
 
-@pytest.mark.parametrize("method", ["energy_momentum", "velocity_verlet"])
-def test_an_obstacle_that_jumps_into_the_cable_pushes_it_out_slowly(method):
+def test_an_obstacle_that_jumps_into_the_cable_pushes_it_out_slowly():
     """40 mm deep, with an account that knows its work."""
-    sim = lying({"contact.friction": 0.2}, method=method, step=2e-3 * (method[0] == "e"))
+    sim = lying({"contact.friction": 0.2})
     sim.advance(0.1)
     assert not any(line.startswith("obstacles") for line in sim.warnings)
     sim.set_obstacle("body", [0.0, -0.01, 0.0])
     (line,) = (line for line in sim.warnings if line.startswith("obstacles"))
     assert line.startswith("obstacles.body: jumped into the cable once, by 0.043 m at most; it")
     most = 0.0
-    for _ in range(40):
+    for _ in range(300):
         assert sim.advance(0.01).status.ok
         most = max(most, fastest(sim))
     assert 0.1 < most < 2.0
     assert sim.contact("body").clearance > -0.1 * RADIUS
     assert 0.04 + 0.9 * RADIUS < sim.centerline([0.15])[0, 1] < 0.08
-    assert sim.energy_error < (1e-8 if method == "energy_momentum" else 0.05)
+    assert sim.energy_error < 1e-8
 
 
 def test_a_plane_that_jumps_lifts_the_cable():
@@ -132,7 +130,7 @@ def test_a_snapshot_continues_while_an_obstacle_yields():
     assert (sim.control_points == ended).all()
 
 
-def thrown(speed, method="velocity_verlet", step=0.0):
+def thrown(speed, step):
     """A thin cable flies at a small box."""
     sim = simulator(
         LYING,
@@ -145,7 +143,6 @@ def thrown(speed, method="velocity_verlet", step=0.0):
             "obstacles.body.friction": 0.3,
             "obstacles.table.position": [0.0, 0.0, -1.0],
         },
-        method=method,
         step=step,
     )
     velocities = np.zeros((13, 4))
@@ -154,26 +151,13 @@ def thrown(speed, method="velocity_verlet", step=0.0):
     return sim, sim.advance(0.06 / speed)
 
 
-def test_an_explicit_step_over_a_body_is_refused():
-    """Twenty times as fast as the stiffness and the step are made for, even smaller steps do not
-    help; at that speed all is well.
-    """
-    sim, report = thrown(20.0)
+@pytest.mark.parametrize(("speed", "step"), [(20.0, 1e-4), (100.0, 1e-4), (400.0, 1e-5)])
+def test_a_thin_cable_thrown_at_a_small_body_does_not_pass_it(speed, step):
+    """Also at twenty times inputs.max_speed, for which contact is chosen."""
+    sim, report = thrown(speed, step)
     assert report.status.ok
-    assert not sim.warnings
-    assert sim.control_points[6, 2] > -0.03  # the middle of the body
-    sim, report = thrown(400.0)
-    assert report.status is Status.PASSED
-    assert "a smaller integrator.step or energy_momentum" in report.message
-    assert sim.contact("body").clearance > 0.0
-
-
-def test_a_cable_that_is_pressed_through_a_body_is_told():
-    sim, report = thrown(100.0)
-    assert report.status.ok
-    (line,) = sim.warnings
-    assert "pressed near the middle of one, and may have gone through it" in line
-    assert "raise contact.stiffness, or inputs.max_speed (20 m/s)" in line
+    assert sim.contact("body").clearance > -0.4e-3  # of a body of 5 mm
+    assert sim.centerline(np.linspace(0.14, 0.16, 9))[:, 2].max() > -0.03  # its middle
 
 
 def test_a_thin_ring_that_is_pulled_through_a_taut_cable_is_told():
@@ -185,9 +169,9 @@ def test_a_thin_ring_that_is_pulled_through_a_taut_cable_is_told():
     sim.move_obstacle("body", place.then(0.3, velocity=[0.0, 0.0, 1.0]))
     assert sim.advance(0.3).status.ok
     assert sim.contact("body").clearance > 0.1
-    through, pressed = sim.warnings
+    (through,) = sim.warnings
     assert "pressed near the middle of one, and may have gone through it" in through
-    assert pressed.startswith("obstacles.table: the cable is pressed")
+    assert "raise contact.stiffness, or inputs.max_speed (20 m/s)" in through
 
 
 def test_a_squeezed_cable_stays_finite():
@@ -246,14 +230,14 @@ def test_a_cable_over_a_body_penetrates_by_a_hundredth(shape, radius, youngs_mod
 
 
 def test_a_cable_with_no_room_between_planes_is_told():
-    """A fifth of its diameter into each."""
+    """The table holds; the lid that jumps yields, and stays inside it."""
     lid = {"shape": "plane", "orientation": [1.0, 0.0, 0.0, 0.0], "position": [0.0, 0.0, 1.0]}
     sim = lying({f"obstacles.body.{key}": value for key, value in lid.items()})
     sim.set_obstacle("body", [0.0, 0.0, 1.2 * RADIUS], lid["orientation"])
     assert sim.advance(0.5).status.ok
     lines = [line for line in sim.warnings if "the cable is pressed" in line]
-    assert [line.split(":")[0] for line in lines] == ["obstacles.table", "obstacles.body"]
-    assert "0.0012 m into it, 20% of its diameter; give it room, or raise" in lines[1]
+    assert [line.split(":")[0] for line in lines] == ["obstacles.body"]
+    assert "0.00239 m into it, 40% of its diameter; give it room, or raise" in lines[0]
     assert fastest(sim) < 0.01
 
 
@@ -292,15 +276,15 @@ def test_a_bend_round_an_edge_that_the_spans_cannot_follow_is_told():
         "obstacles.box.position": [-0.5, 0.0, -0.05],
     }
     told = {}
-    for points in (0, 25, 72):
+    for points in (0, 25, 62):
         sim = Simulator(load_scene(values | {"discretization.control_points": points}))
         assert not sim.warnings
         sim.advance(1.0)
         told[sim.model.n] = sim.warnings
-    assert told[60] == told[72] == ()
+    assert told[60] == told[62] == ()
     (line,) = told[25]
     assert re.fullmatch(
         r"obstacles.box: the cable bends round it by 0\.9\d rad in a knot span at 0\.40\d m, so "
-        r"forces there may be some 10 % off or more; raise discretization.control_points to 72",
+        r"forces there may be some 10 % off or more; raise discretization.control_points to 62",
         line,
     )

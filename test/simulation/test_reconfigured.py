@@ -192,7 +192,7 @@ def test_velocities_stay_while_an_end_moves():
 
 def test_what_moves_and_what_friction_holds_goes_on():
     """Also out of the plane of the scene, and with motions that wait for their start."""
-    sim = Simulator(load_scene(LYING))
+    sim = Simulator(load_scene(LYING | {"integrator.tolerance": 1e-10}))
     for name, speed in (("start", [0.0, 0.1, 0.05]), ("table", [0.03, 0.0, 0.0])):
         place = dict(zip(("position", "orientation"), sim.end_pose(name), strict=True))
         first = EndMotion(start=0.0, duration=0.31, **place, velocity=speed)

@@ -102,7 +102,7 @@ def test_a_turning_drum_spins_a_cable_that_lies_along_it():
     cable = lying(
         0.5,
         **{
-            "integrator.tolerance": 1e-6,
+            "integrator.tolerance": 1e-7,
             "start.position": [0.0, -0.5 * LENGTH, drum + RADIUS],
             "end.position": [0.0, 0.5 * LENGTH, drum + RADIUS],
             "start.fixed": [True, True, False],
