@@ -286,6 +286,7 @@ class State(Group):
         "contact_way",  # by how much cable and obstacles moved since [m]
         "contact_carried",  # by how much obstacles move in this step [m]
         "extrapolated_share",  # of the second difference that `implicit.predict` extrapolates
+        "stopped",  # 1 if the last step had impulses of contact
         "yields",  # 1 if an obstacle has yielded to a sample
         "contact_deep",  # samples and steps near the middle of an obstacle
         "pairs",  # of segments that may touch in a step (`self_contact`)
@@ -304,6 +305,9 @@ class State(Group):
     natural = Lanes("curved_blocks", "samples", 4)  # weight EI kappa0 (3), rest twist [rad/m]
     plastic = Lanes("plastic_blocks", "samples", 9)  # curvature; tangent, curvature before
     pose = Reals("obstacles", 36)  # at the start, the middle and the end of a step (`contact`)
+    deepest = Reals("obstacles")  # that it pressed the cable in, so far [m]
+    # Force per length of the impulses of the last step (`contact.look_at_stops`), by line [N/m].
+    stopped = Lanes("obstacles", "groups", 3)
     near_count = Reals("obstacles")
     near = Reals("obstacles", "groups")  # so many groups of samples that may touch the obstacle
     bristle = Lanes("obstacles", "groups", 3)  # friction that sticks, in its frame [m]

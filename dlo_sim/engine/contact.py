@@ -1019,6 +1019,17 @@ def after_contact(cable, o, g, tau, v):
     return n, p * tau, rubbed, u, excess, lever, carried
 
 
+@part
+def clear_stopped(cable):
+    """No impulses in the last step."""
+    stopped = cable.state.stopped
+    for o in range(cable.contact.count):
+        for g in range(stopped.shape[1]):
+            for d in range(3):
+                stopped[o, g, d] = zero()
+    cable.state.balance.stopped = 0.0
+
+
 @piece((float64, float64), CABLE, float64, LINES, terms=CONTACT)
 def begin_stops(cable, tau, v):
     """Energy [J] of velocities that contact changes at the end of a step, and of its impulses in
@@ -1026,6 +1037,8 @@ def begin_stops(cable, tau, v):
     less that of the step (3), and what is known of the impulse of the pressure, less that.
     """
     contact, open_, spent = cable.contact, zero(), zero()
+    if cable.state.balance.stopped > 0.0:
+        clear_stopped(cable)
     for o in range(contact.count):
         for k in range(int(cable.state.near_count[o])):
             g = int(cable.state.near[o, k])
@@ -1079,6 +1092,7 @@ def look_at_stops(cable, tau, v, last):
     """
     contact, stiff = cable.contact, STOP * cable.contact.density
     worked, wrong = zero(), zero()
+    cable.state.balance.stopped = 1.0
     for o in range(contact.count):
         pose = cable.state.pose[o]
         for k in range(int(cable.state.near_count[o])):
@@ -1090,7 +1104,10 @@ def look_at_stops(cable, tau, v, last):
             push = where(p, stops[4] - stiff * excess, 0.0)
             across = combined(1.0, u, -dot(n, u), n)
             f = combined(1.0, three(stops, 1), -stiff * stops[0], across)
-            worked += w * dot(to_lines(pose, END, combined(1.0, f, push, n)), carried)
+            on_lines = to_lines(pose, END, combined(1.0, f, push, n))
+            worked += w * dot(on_lines, carried)
+            mean = cable.state.stopped[o, g]
+            mean[0], mean[1], mean[2] = scaled(1.0 / tau, on_lines)
             if contact.restitution > 0.0:
                 # The penalty leaves a share of 1 / STOP, which counts where it should bounce.
                 wrong += where(w, where(fabs(excess) * stiff - SAME * fabs(push), 1.0, 0.0), 0.0)
@@ -1230,16 +1247,25 @@ def undo(cable):
         settle_yielding(cable, o, 0)
 
 
-@part
-def keep_bristles(cable):
-    """The bristles of the step become those of the state, its end poses those of its end."""
+@piece(void, CABLE, terms=CONTACT)
+def commit(cable):
+    """The bristles of the step become those of the state, its end poses those of its end; the
+    deepest place of the run is kept.
+    """
     contact, state = cable.contact, cable.state
     for o in range(contact.count):
-        if contact.law[o, FRICTION] > 0.0:
-            for k in range(int(state.near_count[o])):
-                g = int(state.near[o, k])
+        deepest = zero()
+        for k in range(int(state.near_count[o])):
+            g = int(state.near[o, k])
+            if contact.law[o, FRICTION] > 0.0:
                 for d in range(3):
                     state.bristle[o, g, d] = cable.work.trial[o, g, d]
+            deep = contact.reach[o] - cable.work.measured[o, g, ENDED][DISTANCE]
+            deep = where(fabs(contact.weight[g]), deep - state.yielded[o, g, 1], 0.0)
+            deepest = where(deep - deepest, deep, deepest)
+        if any_above(deepest - state.deepest[o]):
+            for k in range(LANES):
+                state.deepest[o] = max(state.deepest[o], lane(deepest, k))
         settle_pose(state.pose[o], END)
         settle_yielding(cable, o, 1)
 
@@ -1284,7 +1310,8 @@ def accept(cable, change):
 @piece(void, int64, int64, ARRAY_2D, terms=CONTACT)
 def report(address, obstacle, out):
     """Gaps [m] and forces on the cable [N], by line, of all samples that may touch an obstacle at
-    the present configuration: out[group, 4 lane + 0 .. 3].
+    the present configuration, with the mean force of the impulses of the last step: out[group,
+    4 lane + 0 .. 3].
     """
     cable, values = cable_at(address), grid(out)
     contact, state, o = cable.contact, cable.state, obstacle
@@ -1294,7 +1321,8 @@ def report(address, obstacle, out):
         d, n, _, _ = measured(cable.work.measured[o, g, ENDED])
         gap, z = d - contact.reach[o], vector_of(state.bristle[o, g])
         f = combined(-law[STIFFNESS] * depth(gap + state.yielded[o, g, 1]), n, -law[BRISTLE], z)
-        f = scaled(contact.weight[g], to_lines(pose, END, f))
+        f = combined(1.0, to_lines(pose, END, f), 1.0, vector_of(state.stopped[o, g]))
+        f = scaled(contact.weight[g], f)
         for k in range(LANES):
             values[g, 4 * k], values[g, 4 * k + 1] = lane(gap, k), lane(f[0], k)
             values[g, 4 * k + 2], values[g, 4 * k + 3] = lane(f[1], k), lane(f[2], k)

@@ -57,7 +57,7 @@ USUAL = 0.2, 50.0, 2e-3  # tension as usual: largest strain, force [N], least st
 THROWN_DEPTH = 0.2
 TAUT = 1e-3  # strain of what is pulled as usual
 OFF = 0.5  # of the radius of the cable: error of a mesh's field that is said
-TOO_DEEP = 0.1  # penetration in diameters above which a warning reports it
+TOO_DEEP = 0.02  # penetration in diameters above which a warning reports it
 # Of half the thickness of a body: so deep is near its middle. Samples a reach apart can cross a
 # thin body no deeper than half of it.
 MIDDLE = 0.6
@@ -308,6 +308,8 @@ class Contact(NamedTuple):
             of a ring or channel, rising; empty for other shapes.
         tensions: of the cable [N] one and a half knot spans before and behind what touches, shape
             (2,); empty if nothing does, or if its shape does not determine the tension.
+        deepest: so far in the run that the cable was pressed in [m], without what has yielded.
+            stiffness: force per length and penetration [N/m^2].
     """
 
     clearance: float
@@ -318,6 +320,8 @@ class Contact(NamedTuple):
     forces: Array
     passes: Array
     tensions: Array
+    deepest: float = 0.0
+    stiffness: float = 0.0
 
     @property
     def exerted(self) -> float:
@@ -365,6 +369,8 @@ def contact_with(
         forces=forces,
         passes=passes(cable, obstacle, pose) if pose else np.zeros(0),
         tensions=tensions_beside(model.knots, u[touches], tension),
+        deepest=float(cable.arrays.state.deepest[number]),
+        stiffness=float(cable.arrays.contact.law[number, contact.STIFFNESS]),
     )
 
 
@@ -545,18 +551,19 @@ def depth_warning(scene: Scene, count: float) -> str:
 
 
 def press_warning(name: str, found: Contact, scene: Scene, finer: str) -> str:
-    """One line if the cable is deep in an obstacle that presses it, else empty. finer: what gives
-    the control points that are needed as well; empty if there are enough.
+    """One line if the cable is deep in an obstacle that presses it, or was in the run, else empty.
+    finer: what gives the control points that are needed as well; empty if there are enough.
     """
     diameter = scene.cable.diameter
-    share = -found.clearance / diameter
-    if share <= TOO_DEEP or not len(found.u):
+    pressed = -found.clearance if len(found.u) else 0.0
+    deepest, what = max((pressed, "is"), (found.deepest, "was"))
+    if deepest <= TOO_DEEP * diameter:
         return ""
-    cure = f"raise contact.stiffness to {found.pressure / (0.5 * TOO_DEEP * diameter):.2g}"
+    cure = f"raise contact.stiffness to {found.stiffness * found.deepest / (0.5 * TOO_DEEP * diameter):.2g}"
     cure = f"{cure} and {finer}" if finer else cure
     return (
-        f"obstacles.{name}: the cable is pressed {-found.clearance:.3g} m into it, {share:.0%} of "
-        f"its diameter; give it room, or {cure}"
+        f"obstacles.{name}: the cable {what} pressed {deepest:.3g} m into it, "
+        f"{deepest / diameter:.0%} of its diameter; give it room, or {cure}"
     )
 
 
