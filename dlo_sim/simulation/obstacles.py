@@ -559,7 +559,8 @@ def press_warning(name: str, found: Contact, scene: Scene, finer: str) -> str:
     deepest, what = max((pressed, "is"), (found.deepest, "was"))
     if deepest <= TOO_DEEP * diameter:
         return ""
-    cure = f"raise contact.stiffness to {found.stiffness * found.deepest / (0.5 * TOO_DEEP * diameter):.2g}"
+    stiff = found.stiffness * found.deepest / (0.5 * TOO_DEEP * diameter)
+    cure = f"raise contact.stiffness to {stiff:.2g}"
     cure = f"{cure} and {finer}" if finer else cure
     return (
         f"obstacles.{name}: the cable {what} pressed {deepest:.3g} m into it, "
