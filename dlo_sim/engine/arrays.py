@@ -391,7 +391,7 @@ class Work(Group):
     trial = Lanes("obstacles", "groups", 3)  # bristles at the end of the step
     stops = Lanes("obstacles", "groups", 5)  # `contact.begin_stops`
     looked = Reals(13, groups.LANES)  # distances, then places (`engine.distance_field`)
-    measured = Lanes("obstacles", "groups", 2, 17)  # where samples are (`contact.measure`)
+    measured = Lanes("obstacles", "groups", 2, 18)  # where samples are (`contact.measure`)
     measured_known = Reals("obstacles", "groups", 2)  # `contact.UNKNOWN` to OF_STEP
     contact_sums = Reals(90, groups.LANES)  # derivatives between the control points of a span
     contact_values = Reals(9, groups.LANES)  # derivatives of the forces on samples

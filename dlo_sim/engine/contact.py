@@ -17,15 +17,18 @@ neighbouring samples of one span for bodies, which need many of little.
     the discrete gradient of the gap, n = m + (g1 - g0 - m.dy) dy / |dy|^2 with
 m = (f0 n0 + f1 n1) / (f0 + f1), so that n.dy = g1 - g0, with the distances f from the centre of
 curvature: the last part vanishes on faces, spheres and cylinders, and where dy is round-off;
-    the pressure p = - k depth1 at the end of the step, with the energy k/2 depth^2, depth < 0, so
-that contact may be as stiff as it likes: what a step leaves over, it does not swing back;
+    the pressure p = max(0, p_el - c k s (g1 - g0) - l/2 (1 - s) k depth1), with the share s of the
+way that is inside, the divided difference p_el = - k s (depth0 + depth1) / 2 of the energy
+k/2 depth^2, depth < 0, and c = l/2 + DAMPED (1 - l). Where a sample lands or rests, l = 1 and
+p = - k depth1: contact may be as stiff as it likes, as what a step leaves over does not swing back.
+Where it slides over a curved surface l is nearly 0 (`coming`): pressures at the ends of steps would
+lag behind the places of contact and brake the cable;
     friction f = - min(1, mu p / |T|) T, T = k_t (P z0 + P dy), P normal to n, with the bristle z,
 an elastic displacement along the surface in the frame of the obstacle: it ends as z1 = - f / k_t,
 or zero where nothing touches. Its energy is k_t/2 z^2.
 The force on the cable per length is F = R_middle (p n + f). The obstacle does the work
 F.(r1 - r0) - (p n + f).dy, and the loss is
-    k/2 (depth1 - depth0)^2 + p (g0 - depth0)
-    + k_t/2 |z1 - P z0|^2 + k_t/2 (|z0|^2 - |P z0|^2) - f.(P z0 + P dy - z1);
+    (p - p_el) (g0 - g1) + k_t/2 |z1 - P z0|^2 + k_t/2 (|z0|^2 - |P z0|^2) - f.(P z0 + P dy - z1);
 no part of it is negative.
 
 **Landing.** A step of the midpoint family that stops a sample at a surface within its length leaves
@@ -89,7 +92,7 @@ BEGUN, ENDED = 0, 1  # of `work.measured`: at the start and the end of a step
 UNKNOWN, KNOWN, OF_STEP = 0.0, 1.0, 2.0  # whether that is of the obstacles, and of this step
 # Entries there of a group of samples: points of the cable, their places in the frame of an
 # obstacle, and what `keep` sets.
-POINT, PLACE, DISTANCE, NORMAL, FAR, BEND, SIZE = 0, 3, 6, 7, 10, 11, 17
+POINT, PLACE, DISTANCE, NORMAL, FAR, BEND, SIZE, COMING = 0, 3, 6, 7, 10, 11, 17, 17
 STIFFNESS, BRISTLE, FRICTION = range(3)  # entries of the law of an obstacle: k, k_t, mu
 # Entries of `work.rolling` of a sample: T without the spin in this step (3), l (3), mu p, and its
 # derivative by y1 (3).
@@ -104,6 +107,9 @@ RETURN = 0.2  # [m/s], at which an obstacle that has yielded pushes the cable ou
 # so many weights of the cable on EARTH, after RISE [s], as a sudden push would lever it out.
 FOLLOWED, PRESSED, RISE, EARTH = 2.0, 150.0, 0.15, 9.81
 SHALLOW = 0.03  # diameters that a cable may begin inside, and of what is not worth a word
+# Share of the pressure that follows the end of a step rather than its middle, of what slides.
+DAMPED = 0.01
+RESTING = 1e-3  # [m/s], below which what touches does not slide
 STOP = 1e2  # penalty for other velocities than those after contact, in linear densities
 SAME = 1e-3  # change of an impulse of friction, in its limit, that counts as none
 AHEAD = 16.0  # expected motions of a step that the margin of the broad phase allows for
@@ -511,6 +517,50 @@ def set_distance(cable, o, g, when, y):
         mesh_distance(cable, o, g, when)
 
 
+@part
+def pose_rate(pose, k, f, g):
+    """f times the change of entry k of a pose in the first half of a step, g in the second."""
+    early, late = pose[MIDDLE + k] - pose[START + k], pose[END + k] - pose[MIDDLE + k]
+    return f * early + g * late
+
+
+@part
+def body_velocity(pose, y, begins, tau):
+    """Velocity (3, by line) of points y in the frame of an obstacle at the beginning or the end of
+    a step: that of the parabola through its three poses.
+    """
+    f, g = (3.0 / tau, -1.0 / tau) if begins else (-1.0 / tau, 3.0 / tau)
+    turned_by = (
+        (pose_rate(pose, 0, f, g), pose_rate(pose, 1, f, g), pose_rate(pose, 2, f, g)),
+        (pose_rate(pose, 3, f, g), pose_rate(pose, 4, f, g), pose_rate(pose, 5, f, g)),
+        (pose_rate(pose, 6, f, g), pose_rate(pose, 7, f, g), pose_rate(pose, 8, f, g)),
+    )
+    return (
+        dot(turned_by[0], y) + pose_rate(pose, 9, f, g),
+        dot(turned_by[1], y) + pose_rate(pose, 10, f, g),
+        dot(turned_by[2], y) + pose_rate(pose, 11, f, g),
+    )
+
+
+@part
+def coming(cable, o, g):
+    """1 where samples came along the normal of an obstacle, or rest on it, and 0 where they slide:
+    the square of the cosine between the normal and the motion of the last step, relative to the
+    obstacle, since velocities alternate where the cable is stiff.
+    """
+    kept, pose, balance = cable.work.measured[o, g, BEGUN], cable.state.pose[o], cable.state.balance
+    if balance.known >= 1.0:
+        way = sample_at(cable, cable.state.history[1], g)
+        v = scaled(1.0 / balance.length_before, combined(1.0, three(kept, POINT), -1.0, way))
+    else:
+        v = sample_at(cable, cable.work.start_v, g)
+    carried = body_velocity(pose, three(kept, PLACE), YES, balance.length)
+    v = combined(1.0, v, -1.0, carried)
+    along_n = dot(three(kept, NORMAL), turned_back(pose, START, v))
+    rest = RESTING * RESTING
+    return (along_n * along_n + rest) / (dot(v, v) + rest)
+
+
 @piece(void, CABLE, int64, int64, int64, LINES, terms=CONTACT)
 def measure(cable, o, g, when, x):
     """Set `work.measured[o, g, when]` to the points on x of the samples of a group, their places in
@@ -524,6 +574,8 @@ def measure(cable, o, g, when, x):
     kept[POINT], kept[POINT + 1], kept[POINT + 2] = r
     before, known[when] = known[when], OF_STEP if when == BEGUN else KNOWN
     if before != UNKNOWN and same_place(kept, y):
+        if when == BEGUN:
+            kept[COMING] = coming(cable, o, g)
         return
     ended = cable.work.measured[o, g, ENDED]
     if when == BEGUN and known[ENDED] != UNKNOWN and same_place(ended, y):
@@ -531,6 +583,8 @@ def measure(cable, o, g, when, x):
             kept[k] = ended[k]
     else:
         set_distance(cable, o, g, when, y)
+    if when == BEGUN:
+        kept[COMING] = coming(cable, o, g)
 
 
 # -- the law of one sample -----------------------------------------------------------------------
@@ -554,12 +608,18 @@ def misses(contact, o, here, there, dy):
 
 
 @part
-def pressed(k, g0, g1):
-    """p, dp/dg1 and the loss of `engine.contact` for gaps before and after."""
-    before, after = depth(g0), depth(g1)
-    p = -k * after
-    loss = 0.5 * k * (before - after) * (before - after) + p * (g0 - before)
-    return p, where(g1, 0.0, zero() - k), loss
+def pressed(k, c, lands, g0, g1):
+    """p_el, p and dp/dg1 for gaps before and after, with the damping c and the share of l."""
+    deep, inverse = depth(g0) + depth(g1), 1.0 / (fabs(g0) + fabs(g1) + TINY)
+    share = -deep * inverse
+    elastic = -0.5 * k * deep * share
+    p = elastic - c * k * share * (g1 - g0)
+    up = sign(g1)
+    slope = -0.5 * k * share * (1.0 - up + share * up) - c * k * share
+    slope += c * k * (g1 - g0) * inverse * (0.5 * (1.0 - up) + share * up)
+    far = where(g0, 0.5 * k * lands * (1.0 - share), 0.0)
+    p, slope = p - far * depth(g1), slope - where(g1, 0.0, far * (1.0 - share))
+    return elastic, where(p, p, 0.0), where(p, slope, 0.0)
 
 
 @part
@@ -582,9 +642,12 @@ def pressure(cable, o, g, steps, here, there, dy):
         jumped = jumped * where(far - JUMP * reach, 1.0, 0.0)
         # Not across the opening of a ring, from one side to the other.
         jumped = jumped * where(-dot(here[1], dy), 1.0, where(dot(there[1], dy), 1.0, 0.0))
-    p, slope, loss = pressed(law[STIFFNESS], g0, g1)
+    lands = cable.work.measured[o, g, BEGUN][COMING]
     if not steps:
-        slope = 0.5 * slope
+        lands = zero()
+    damped = (DAMPED if steps else 0.0) + (0.5 - DAMPED) * lands
+    elastic, p, slope = pressed(law[STIFFNESS], damped, lands, g0, g1)
+    loss = (p - elastic) * (g0 - g1)
     return (g0, g1), n, loss, p, slope, both, jumped, where(-g1 - contact.middle[o], 1.0, 0.0)
 
 
@@ -949,31 +1012,6 @@ def add_pair(dim, first, one, other, i, c, value, band):
 
 
 # -- velocities after contact --------------------------------------------------------------------
-
-
-@part
-def pose_rate(pose, k, f, g):
-    """f times the change of entry k of a pose in the first half of a step, g in the second."""
-    early, late = pose[MIDDLE + k] - pose[START + k], pose[END + k] - pose[MIDDLE + k]
-    return f * early + g * late
-
-
-@part
-def body_velocity(pose, y, begins, tau):
-    """Velocity (3, by line) of points y in the frame of an obstacle at the beginning or the end of
-    a step: that of the parabola through its three poses.
-    """
-    f, g = (3.0 / tau, -1.0 / tau) if begins else (-1.0 / tau, 3.0 / tau)
-    turned_by = (
-        (pose_rate(pose, 0, f, g), pose_rate(pose, 1, f, g), pose_rate(pose, 2, f, g)),
-        (pose_rate(pose, 3, f, g), pose_rate(pose, 4, f, g), pose_rate(pose, 5, f, g)),
-        (pose_rate(pose, 6, f, g), pose_rate(pose, 7, f, g), pose_rate(pose, 8, f, g)),
-    )
-    return (
-        dot(turned_by[0], y) + pose_rate(pose, 9, f, g),
-        dot(turned_by[1], y) + pose_rate(pose, 10, f, g),
-        dot(turned_by[2], y) + pose_rate(pose, 11, f, g),
-    )
 
 
 @part

@@ -42,16 +42,17 @@ ROUNDED = 1e-9  # diameters by which an obstacle yields that are round-off
 PLANE_SAMPLES = 2  # of a knot span, that planes touch
 STRETCHED = 1.1  # lengths that a cable reaches
 PLACES = 101  # of the cable that are checked for being inside obstacles
-MOST_PIECES, MOST_IN_GUIDES = 4, 8  # groups of LANES samples of a knot span, that bodies touch
+MOST_PIECES, MOST_IN_GUIDES = 4, 16  # groups of LANES samples of a knot span, that bodies touch
 ACROSS, AROUND = 14, 24  # points of a drawn ring, across its wire and around it
 PASSES, BISECTIONS = 8, 30  # looks at a knot span for a passage, and at a passage
 # Distance of samples in reaches of the smallest obstacle. A stiff cable that is drawn through a
-# guide touches only a few, between which its tension ripples: by 36 % with 1.0, by 5 % with 0.25.
-APART, APART_IN_GUIDES = 1.0, 0.25
+# guide touches only a few, between which its tension ripples: by 36 % with 1.0, by 2 % with 0.1.
+APART, APART_IN_GUIDES = 1.0, 0.1
 DEPTH = 1e-3  # penetration of a cable into an obstacle under its weight on earth, in diameters
 PULLED_DEPTH = 0.02  # of a cable that is drawn round an obstacle
+LANDING, LANDED_DEPTH = 2.0, 0.02  # [m/s], as after a fall by 0.2 m; in diameters
 TIP = 40.0  # stiffness of contact at the tip, in that of the cable along itself
-USUAL = 0.2, 50.0, 2e-3  # tension as usual: largest strain, force [N], least strain
+USUAL = 0.2, 50.0  # tension as usual: largest strain, force [N]
 # Penetration by the mass on a body alone of a cable thrown at inputs.max_speed, in half the
 # thickness of the body. What flies on beside a small body pulls it in more than twice as deep.
 THROWN_DEPTH = 0.2
@@ -211,7 +212,8 @@ def stiffness(scene: Scene, obstacle: Obstacle) -> float:
     mu g / (DEPTH D): its weight on earth presses the cable in by DEPTH diameters;
     T / (R PULLED_DEPTH D): the tension T that follows from the scene or is usual does so by
         PULLED_DEPTH diameters, round an edge or a body with the radius R;
-    TIP EA / (L w): the tip, of which the samples at the end have the length w, gives way by
+    mu (v / (LANDED_DEPTH D))^2: landing at v = LANDING it gives way by LANDED_DEPTH diameters;
+    TIP EA / (L r), but of rings and channels: its round tip, of the radius r, gives way by at most
         1 / TIP of what the cable gives way along itself;
     mu (v / (THROWN_DEPTH h))^2: a cable thrown at v = inputs.max_speed is not pressed through a
         body of half thickness h.
@@ -220,21 +222,22 @@ def stiffness(scene: Scene, obstacle: Obstacle) -> float:
     if scene.contact.stiffness:
         return scene.contact.stiffness
     laid = cable.mu * EARTH / (DEPTH * cable.diameter)
-    pushed = TIP * cable.EA / (cable.length * radius)
+    landed = cable.mu * (LANDING / (LANDED_DEPTH * cable.diameter)) ** 2
+    pushed = TIP * cable.EA / (cable.length * radius) * (obstacle.shape not in GUIDES)
     if obstacle.shape == "plane":
-        return max(laid, pushed)
+        return max(laid, landed, pushed)
     _, half, reach = core_of(obstacle, radius)
     pulled = max(cable.mu * EARTH * cable.length, declared_tension(scene), usual_tension(scene))
     bend = max(bend_radius(scene, obstacle), cable.diameter)
     drawn = pulled / (bend * PULLED_DEPTH * cable.diameter)
     thrown = cable.mu * (scene.inputs.max_speed / (THROWN_DEPTH * (min(half) + reach))) ** 2
-    return max(laid, pushed, drawn, thrown)
+    return max(laid, landed, pushed, drawn, thrown)
 
 
 def usual_tension(scene: Scene) -> float:
     """Tension [N] with which grippers draw a cable as usual, for which contact is stiff enough."""
-    most, force, least = USUAL
-    return min(most * scene.cable.EA, max(force, least * scene.cable.EA))
+    strain_, force = USUAL
+    return min(strain_ * scene.cable.EA, force)
 
 
 def declared_tension(scene: Scene) -> float:
