@@ -6,8 +6,17 @@ the way from the straight cable to where the scene has them. It then moves and t
 that way, in steps that adapt themselves, and the cable is at rest under its loads after every step.
 So where there are several equilibria, it finds the one that grippers reach that move together from
 the straight cable: from an arc at the end of the way, 16 of 130 everyday scenes ended in another
-one. Where there are obstacles, it starts at the straight cable, above them, and takes smaller
-steps: in a long one, the cable would go through what it should lie on.
+one.
+
+Where there are obstacles, the cable hangs above them in the shape that it has without them, and is
+lowered in small steps: in a long one, it would go through what it should lie on. Where that does
+not end well, it starts straight and above them, and its ends come together. On the way contact is
+only as stiff as weight and bending ask for, since Newton's method is the slower the less a cable
+sinks in; the last search has the contact of the scene.
+
+A lowered cable is guided: it hardly moves across the vertical plane of its ends. Where that plane
+is one of symmetry, the shape in it counts, unless it topples much faster than a body falls by the
+length of the cable; one that topples slowly does so in the simulation. All others are let go.
 
 At each place of the way the cable descends from its first guess by backward Euler steps of the
 gradient flow (`relax`),
@@ -56,6 +65,7 @@ from dlo_sim.engine.arrays import (
     PLASTICITY,
     SPAN_STRETCH,
 )
+from dlo_sim.engine.contact import EARTH
 from dlo_sim.methods import rattle
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
@@ -65,8 +75,8 @@ from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import Geometries, Geometry, first_shape, held_places
-from dlo_sim.simulation.obstacles import PLACES, gaps, inside
-from dlo_sim.simulation.resolution import resolved
+from dlo_sim.simulation.obstacles import PLACES, bend_radius, gaps, inside
+from dlo_sim.simulation.resolution import RADIUS, resolved
 from dlo_sim.simulation.self_contact import nearest
 from dlo_sim.simulation.soundness import leaves_clamp_backwards, unexplained_stretch
 from dlo_sim.simulation.stepper import Stepper
@@ -78,8 +88,14 @@ Lay = Callable[[], None]
 EASY = 0.8  # distance of the ends, in lengths of the cable between them, where the search begins
 STEPS = 2  # from there, unless more are needed
 TOUCHING_STEPS = 20  # the same where there are obstacles
+SINKS = 0.05  # diameters, into obstacles on the way
+LAID = "plane", "box"  # obstacles on which a cable lies that is lowered
+GUIDED = 1e3  # stiffness of the guide of a cable that is lowered, in that of `_Search.first_step`
+TOPPLES = 100.0  # square of the rate at which a shape that counts may topple, in gravity per length
 MOST_LIFTS = 200  # of the straight cable, to be clear of them
 CLEAN = 0.1  # diameters, depth in an obstacle or in itself below which no other way is tried
+ABOVE = -0.01  # diameters, gap of a cable that counts as above an obstacle
+FLAT = 1e-9  # of the length, distance from a plane that counts as none
 LEVEL = 1e-3  # share of a tangent across gravity that says in which direction it leads
 TINY = 1e-300
 LEAST_STEP = 1e-3  # of the way
@@ -147,6 +163,7 @@ class _FirstShape:
         self._ends, self._cable, self._lay = ends, cable, lay
         # After each step of a search for the shape alone.
         self._flow = self._align if cable.model.has(PLASTICITY) else None
+        self._across: Array | None = None  # to where a guide keeps the cable from moving
 
     def place(self, near: Array | None, continues: bool) -> bool:
         """See the function `place`."""
@@ -172,7 +189,7 @@ class _FirstShape:
             )
         if inextensible(scene):
             self._place_inextensible(resting)
-        elif near is not None and searched and self._rests(1.0):
+        elif near is not None and searched and self._rests_near():
             self._twist()
         elif resting:
             self._find()
@@ -187,6 +204,12 @@ class _FirstShape:
             raise SceneError(f"{wrong}; move the obstacle or the cable's ends{cure}")
         cable.put(points, np.zeros_like(points))
         return resting
+
+    def _rests_near(self) -> bool:
+        """Whether there is an equilibrium near the present shape."""
+        if self._cable.model.has(CONTACT):
+            self._across = _Way(self._scene, self._geometries, self._cable.model.axes).across
+        return self._rests(1.0)
 
     def _align(self) -> None:
         """Align the natural shape with the present shape, with the plastic flow up to it."""
@@ -279,25 +302,59 @@ class _FirstShape:
         """Whether an extensible cable came into equilibrium for the twist as it is, in the shape
         that grippers reach that move together from the straight cable.
 
-        Where there are obstacles, they come from where the straight cable is clear of them. The
-        first shape counts that is in none of them and does not cross itself, or else the best one.
+        Where there are obstacles, they come from where the cable is clear of them: hanging, or
+        straight. The first shape counts that is in none of them and does not cross itself, or else
+        the best one.
         """
-        cable = self._cable
+        cable, scene, axes = self._cable, self._scene, self._cable.model.axes
+        way = _Way(scene, self._geometries, axes)
         if not cable.model.has(CONTACT):
-            way = _Way(self._scene, self._geometries, cable.model.axes)
-            return any(self._follow_from(way, begin) for begin in (way.easy, 0.0))
-        least, best = np.inf, cable.state.copy()
-        for direction in _directions(self._scene, self._geometries):
-            way = _Way(self._scene, self._geometries, cable.model.axes, direction)
-            way.begin_clear(cable.model.origin)
-            if self._follow_from(way, 0.0):
+            return self._follow_free(way)
+        least, best = np.inf, (cable.state.copy(), self._across)
+        ways = [
+            _Way(scene, self._geometries, axes, d) for d in _directions(scene, self._geometries)
+        ]
+        lowered = way.u.size > 1 and all(body.shape in LAID for body in scene.bodies)
+        for one in [way, *ways] if lowered else [*ways, way]:
+            points, self._across = None, way.across if one is way else None
+            if one is way:
+                points = self._hung(way)
+                if points is None:
+                    continue
+            else:
+                one.begin_clear(cable.model.origin)
+            if self._follow_from(one, 0.0, points, TOUCHING_STEPS):
                 fault = self._fault()
                 if fault < least:
-                    least, best = fault, cable.state.copy()
+                    least, best = fault, (cable.state.copy(), self._across)
                 if fault < CLEAN:
                     break
-        cable.state[:] = best
+        cable.state[:], self._across = best
+        if CLEAN <= least < np.inf:
+            warnings.warn(
+                f"initial.shape: the best shape found is {least:.2g} diameters deep in an obstacle "
+                "or in itself; raise discretization.control_points, or hold the cable elsewhere",
+                stacklevel=2,
+            )
         return least < np.inf
+
+    def _follow_free(self, way: _Way) -> bool:
+        """Whether the search on this way ended in equilibrium, where nothing touches."""
+        return any(self._follow_from(way, begin) for begin in (way.easy, 0.0))
+
+    def _hung(self, way: _Way) -> Array | None:
+        """Control points of the shape without obstacles, above them, and the way down from there;
+        None if it was not found.
+        """
+        cable, law = self._cable, self._cable.arrays.contact.law
+        stiff, law[:, 0] = law[:, 0].copy(), 0.0
+        found = self._follow_free(way)
+        law[:, 0] = stiff
+        if not found:
+            return None
+        points = cable.points
+        points[:, :3] += way.begin_above(self._line(points[:, :3]))
+        return points
 
     def _fault(self) -> float:
         """How deep the cable is in obstacles or in itself, in diameters."""
@@ -313,23 +370,29 @@ class _FirstShape:
         u = np.linspace(0.0, self._scene.cable.length, PLACES)
         return np.asarray(bspline.evaluate(points, model.knots, u) + model.origin)
 
-    def _follow_from(self, way: _Way, begin: float) -> bool:
-        """Whether the search from a share of the way on ended in equilibrium."""
+    def _follow_from(
+        self, way: _Way, begin: float, points: Array | None = None, steps: int = STEPS
+    ) -> bool:
+        """Whether the search from a share of the way on ended in equilibrium.
+
+        Args:
+            points: control points to begin with; default: straight, or an arc.
+        """
         cable = self._cable
-        points = np.zeros((cable.model.n, 4))
-        points[:, :3] = first_shape(self._scene, way.at(begin), cable.model.knots)
+        if points is None:
+            points = np.zeros((cable.model.n, 4))
+            points[:, :3] = first_shape(self._scene, way.at(begin), cable.model.knots)
         self._put_on(way, begin, points, anew=True)
         if not self._rests(begin):
             self._place_ends(way, 1.0)
             return False
-        touches = cable.model.has(CONTACT)
-        share, step = begin, (1.0 - begin) / (TOUCHING_STEPS if touches else STEPS)
+        share, step = begin, (1.0 - begin) / steps
         shape = cable.points
         last: tuple[Array, float] | None = None  # changes of shape and share by the last step
         while share < 1.0:
             there = share + step if share + step < 1.0 - LEAST_STEP else 1.0
             guess = shape.copy()
-            if last is None or touches:
+            if last is None or steps != STEPS:
                 u = bspline.greville(cable.model.knots)
                 for axis in range(3):
                     guess[:, axis] -= (there - share) * np.interp(u, way.u, way.back[:, axis])
@@ -369,21 +432,74 @@ class _FirstShape:
         way, and where flow is found faster together with the twist that acts on the shape.
         """
         cable = self._cable
-        _nudge(cable)
+        _nudge(cable, self._across)
         more = share < 1.0 or (self._flow is not None and cable.model.has(BISHOP))
         rest = ROUGH if more else TOLERANCE
-        found = relax(cable, rest=rest) if share < 1.0 else self._relax_with_flow(rest)
+        if cable.model.has(CONTACT):
+            found = self._touches(share, rest)
+        else:
+            found = relax(cable, rest=rest) if share < 1.0 else self._relax_with_flow(rest)
         return found and not unexplained_stretch(cable.model, cable.points, self._ends)
+
+    def _touches(self, share: float, rest: float) -> bool:
+        """`_rests` with obstacles, which are softer on the way. At its end a guided cable is let
+        go, unless its shape counts as it is.
+        """
+        cable, law = self._cable, self._cable.arrays.contact.law
+        stiff = law[:, 0].copy()
+        try:
+            law[:, 0] = np.minimum(stiff, self._soft())
+            found = relax(cable, rest=ROUGH, across=self._across)
+            if share < 1.0 or not found or not stiff.any():
+                return found
+            if self._across is not None:
+                before, law[:, 0] = cable.state.copy(), stiff
+                if relax(cable, rest=ROUGH, across=self._across) and self._is_upright():
+                    return self._relax_with_flow(rest)
+                cable.state[:], self._across = before, None
+                law[:, 0] = np.minimum(stiff, self._soft())
+                _nudge(cable)
+                if not relax(cable, rest=ROUGH):
+                    return False
+            law[:, 0] = stiff
+            return self._relax_with_flow(rest)
+        finally:
+            law[:, 0] = stiff
+
+    def _soft(self) -> Array:
+        """Stiffness [N/m^2] of obstacles into which the cable sinks by SINKS diameters under its
+        weight, drawn round them, or where it is bent as by two grippers.
+        """
+        scene, cable = self._scene, self._scene.cable
+        length, thick = cable.length, cable.diameter
+        radii = [
+            length if body.shape == "plane" else max(bend_radius(scene, body), thick)
+            for body in scene.bodies
+        ]
+        bent = cable.EI * (RADIUS[True] / length) ** 3
+        return (cable.mu * EARTH * length / np.array(radii) + bent) / (SINKS * thick)
+
+    def _is_upright(self) -> bool:
+        """Whether friction, which no search knows, may hold the cable: it lies in the plane in
+        which it is guided, and topples slowly.
+        """
+        points, scene = self._cable.points[:, :3], self._scene
+        if not any(scene.friction_of(body) for body in scene.bodies):
+            return False
+        if np.abs((points - points[0]) @ self._across).max() > FLAT * scene.cable.length:
+            return False
+        pull = float(np.linalg.norm(scene.gravity))
+        return _Search(self._cable).stable(scene.cable.length / (TOPPLES * pull))
 
     def _relax_with_flow(self, rest: float) -> bool:
         """`relax` with plastic flow. Where that fails, as for stiff wires, with the flow up to the
         first guess and a UserWarning.
         """
         begin = self._cable.state.copy()
-        if relax(self._cable, self._flow, rest):
+        if relax(self._cable, self._flow, rest, across=self._across):
             return True
         self._cable.state[:] = begin
-        if self._flow is None or not relax(self._cable, rest=rest):
+        if self._flow is None or not relax(self._cable, rest=rest, across=self._across):
             return False
         warnings.warn(
             "initial.shape: the search with plastic flow did not converge; the cable moves after "
@@ -408,7 +524,8 @@ class _FirstShape:
             if self._lay:
                 self._lay()
             account.slip = 1.0  # all of the flow, and its part of the stiffness
-            found = relax(cable, self._lay if rolls else None, twist=True, rolls=rolls)
+            lay = self._lay if rolls else None
+            found = relax(cable, lay, twist=True, rolls=rolls, across=self._across)
             account.slip = 0.0
             cable.flow()
             if found:
@@ -475,7 +592,8 @@ class _Way:
     Attributes:
         u: material coordinates of the held points [m], shape (places,). back: from where they are
             at share 1 to share 0 [m], shape (places, 3). direction: of the straight cable.
-        easy: the largest share at which the ends are easy to reach.
+        easy: the largest share at which the ends are easy to reach. across: the horizontal unit
+        vector across the direction, or None if that is vertical, or nothing is.
     """
 
     def __init__(
@@ -503,22 +621,39 @@ class _Way:
             if geometry.u is not None
         }
         self.easy = self._easy()
+        across, pull = np.cross(scene.gravity, direction), np.linalg.norm(scene.gravity)
+        size = float(np.linalg.norm(across))
+        self.across = across / size if size > LEVEL * pull else None
 
     def begin_clear(self, origin: Array) -> None:
         """Begin with the straight cable above all obstacles, as low as that is possible."""
+        u = np.linspace(0.0, self._scene.cable.length, PLACES)
+        line = self._places[0][1].attachment + self.back[0] + origin
+        self.back = self.back + self._lift(line + np.outer(u - self.u[0], self.direction))
+
+    def begin_above(self, line: Array) -> Array:
+        """Begin with the cable as at the end, at these points (PLACES, 3), moved up by what is
+        returned, so that it is above all obstacles.
+        """
+        lift = self._lift(line)
+        self.back = np.zeros_like(self.back) + lift
+        self._turns = {name: np.zeros(3) for name in self._turns}
+        return lift
+
+    def _lift(self, line: Array) -> Array:
+        """How far up a cable at these points is clear of all obstacles."""
         scene, up = self._scene, -np.array(self._scene.gravity)
         up /= max(math.hypot(*up), TINY)
-        u, diameter = np.linspace(0.0, scene.cable.length, PLACES), scene.cable.diameter
-        line = self._places[0][1].attachment + self.back[0] + origin
-        line = line + np.outer(u - self.u[0], self.direction)
+        diameter, lift = scene.cable.diameter, np.zeros(3)
         for _ in range(MOST_LIFTS):
             gap = min(
-                (float(gaps(body, diameter, line).min()) for body in scene.bodies), default=1.0
+                (float(gaps(body, diameter, line + lift).min()) for body in scene.bodies),
+                default=1.0,
             )
-            if gap > 0.0:
+            if gap > ABOVE * diameter:
                 break
-            lift = max(-gap, 0.5 * diameter) * up
-            self.back, line = self.back + lift, line + lift
+            lift = lift + max(-gap, 0.5 * diameter) * up
+        return lift
 
     def at(self, share: float) -> Geometries:
         """What holds the cable at a share of the way."""
@@ -648,6 +783,7 @@ def relax(
     rest: float = TOLERANCE,
     twist: bool = False,
     rolls: bool = False,
+    across: Array | None = None,
 ) -> bool:
     """Move a cable to a nearby stable equilibrium at rest; true if it was reached.
 
@@ -656,22 +792,22 @@ def relax(
     together. `after_step` may change the natural and plastic curvature after each step of the
     search, which then converges linearly.
     `rest` is the movement of a step [of the length, or rad] that counts as rest; `rolls` says
-    that what holds the roll turns with the Bishop frame.
+    that what holds the roll turns with the Bishop frame. `across` is a unit vector along which a
+    guide hardly lets the cable move: there it is not in equilibrium.
     """
-    search = _Search(cable, twist, rolls)
+    search = _Search(cable, twist, rolls, across)
     cable.w[:] = 0.0
     pseudo = search.first_step()
-    least, stuck, ceiling, smooth, rests, nudged = np.inf, 0, np.inf, 0, False, False
+    least, stuck, ceiling, smooth, nudged = np.inf, 0, np.inf, 0, False
     progress = SLOW if after_step else FAST
     for _ in range(TURNING_STEPS if rolls else MAX_STEPS):
         iterations, moved = search.step(pseudo)
         if iterations == 0:
-            ceiling, smooth = 0.5 * pseudo, 0
-            pseudo *= 0.25
+            ceiling, smooth = 0.7 * pseudo, 0
+            pseudo *= 0.5
             continue
         if after_step:
             after_step()
-        rests = False
         if pseudo >= search.patient:
             stuck = 0 if moved < progress * least else stuck + 1
             least = min(least, moved)
@@ -679,13 +815,13 @@ def relax(
             if rests and search.stable():
                 return True
             if rests and not nudged:  # a symmetric shape may be the top of a ridge
-                _nudge(cable)
+                _nudge(cable, across)
                 nudged = True
         pseudo *= 10.0 if iterations <= 4 else 2.0 if iterations <= 7 else 0.7
         smooth += 1
         ceiling *= 1.2**smooth
         pseudo = min(pseudo, ceiling, 1e12 * search.patient)
-    return rests
+    return False
 
 
 def relax_twist(cable: Cable) -> None:
@@ -700,9 +836,10 @@ def relax_twist(cable: Cable) -> None:
         cable.x[-1] += mass.solve(model.twisting_stiffness, held, cable.forces()[-1])
 
 
-def _nudge(cable: Cable) -> None:
+def _nudge(cable: Cable, across: Array | None = None) -> None:
     """Move the spatial lines by a little that has no symmetry, and is the same for any knots: a
-    cable that may buckle to either side goes to the same one whatever the resolution.
+    cable that may buckle to either side goes to the same one whatever the resolution. Not along
+    the unit vector `across`.
     """
     length = float(cable.model.knots[-1])
     share = bspline.greville(cable.model.knots) / length
@@ -710,6 +847,8 @@ def _nudge(cable: Cable) -> None:
     for axis in range(len(cable.model.axes)):
         side = np.sin((2.0 + axis) * share + 0.7 * axis + 0.4)
         push[axis] = mass.multiply(cable.model.mass(0), side)
+    if across is not None:
+        push[: len(across)] -= np.outer(across, across @ push[: len(across)])
     way = cable.free_acceleration(push)
     cable.x[:] += NUDGE * length / max(np.abs(way).max(), 1e-300) * way
 
@@ -729,8 +868,15 @@ class _Search:
             times its length meanwhile.
     """
 
-    def __init__(self, cable: Cable, twist: bool, rolls: bool) -> None:
+    def __init__(
+        self,
+        cable: Cable,
+        twist: bool = False,
+        rolls: bool = False,
+        across: Array | None = None,
+    ) -> None:
         self._cable, model = cable, cable.model
+        self._across, self._guide = across, np.zeros((0, 0))
         self._twist, self._rolls = twist, rolls
         # Of a step with twist the frames are known to a few per cent where a span bends sharply.
         self._converged, self._exact = (LOOSE, TOLERANCE) if twist else (CONVERGED, EXACT)
@@ -761,6 +907,9 @@ class _Search:
         inertia = float(mass.multiply(model.mass(0), np.ones(model.n)).sum())
         fall = inertia * self._length / max(pull, 1e-300)
         self.patient = 100.0 * fall
+        if self._across is not None:
+            self._begun = self._cable.x[: self._dim].copy()
+            self._guide = np.outer(self._across, self._across) * (GUIDED / fall)
         return 0.01 * fall
 
     def step(self, pseudo: float) -> tuple[int, float]:
@@ -811,15 +960,16 @@ class _Search:
             self._cable.follow()
             self._cable.open_frame()
 
-    def stable(self) -> bool:
-        """Whether the stiffness of the present shape is positive, up to round-off. That of a cable
-        with a natural shape at fixed twist says little.
+    def stable(self, pseudo: float = 0.0) -> bool:
+        """Whether the stiffness of the present shape is positive, up to round-off, or up to that of
+        the mass over the pseudo-time [s^2]. That of a cable with a natural shape at fixed twist
+        says little.
         """
         if self._cable.model.has(MATERIAL) and not self._twist:
             return True
         nothing = np.zeros(self._dyads.shape[:2])
         still = np.zeros_like(self._cable.x)
-        return self._correction(still, STEADY * self.patient, nothing) is not None
+        return self._correction(still, pseudo or STEADY * self.patient, nothing) is not None
 
     def _tangents(self) -> Array:
         """r' at the samples of every span, shape (spans, samples, dim)."""
@@ -860,18 +1010,23 @@ class _Search:
         half = 4 * dim - 1
         blocks = 2.0 * np.einsum("sj,sjab->sab", extra, self._dyads)
         inertia = cable.model.mass(0)
-        resisted = np.stack([mass.multiply(inertia, line) for line in moved[:dim]], axis=1)
-        unknowns = (force[:dim].T - resisted / pseudo).ravel()
+        resisted = moved[:dim] / pseudo
+        if self._guide.size:
+            resisted = resisted + self._guide @ (cable.x[:dim] - self._begun)
+        resisted = np.stack([mass.multiply(inertia, line) for line in resisted], axis=1)
+        unknowns = (force[:dim].T - resisted).ravel()
         # Row i dim + d of the matrix belongs to coordinate d of control point i.
         by_point = band.reshape(n, dim, -1)
         for i in range(4):
             for k in range(4):
                 by_point[i : i + n - 3, :, half + (k - i) * dim] += blocks[:, i, k, None]
-        for k in range(4):
-            diagonal = inertia[k, : n - k, None] / pseudo
-            by_point[: n - k, :, half + k * dim] += diagonal
-            if k:
-                by_point[k:, :, half - k * dim] += diagonal
+        metric = np.eye(dim) / pseudo + (self._guide if self._guide.size else 0.0)
+        for a, b in zip(*np.nonzero(metric), strict=True):
+            for k in range(4):
+                part = metric[a, b] * inertia[k, : n - k]
+                by_point[: n - k, a, half + k * dim + b - a] += part
+                if k:
+                    by_point[k:, a, half - k * dim + b - a] += part
         if self._twist:
             return self._with_twist(by_point, force, unknowns, moved[dim], pseudo)
         if cable.solve_held(unknowns) != 0 or not np.isfinite(unknowns).all():

@@ -20,6 +20,7 @@ from numba.core.errors import NumbaWarning
 from dlo_sim.batch.workers import open_workers
 from dlo_sim.core import bspline
 from dlo_sim.scene.loading import SceneError, scene_from_values
+from dlo_sim.simulation.buckling import SLOWEST
 from dlo_sim.simulation.obstacles import gaps
 from dlo_sim.simulation.self_contact import nearest
 from dlo_sim.simulation.simulator import Simulator
@@ -212,9 +213,12 @@ def judge(sim: Simulator) -> str:
     cable, scene = sim.cable, sim.scene
     length = scene.cable.length
     correction = cable.forces()[: len(sim.model.axes)].T.ravel()
-    cable.stiffness()
+    band = cable.stiffness()
     if scene.loads:
         cable.add_moment_stiffness()
+    if scene.bodies:  # a cable that is free to turn on a table grows slower than SLOWEST
+        dim = len(sim.model.axes)
+        band[:, 4 * dim - 1] += SLOWEST**2 * np.repeat(sim.model.mass(0)[0], dim)
     negative = cable.solve_held(correction)
     if negative != 0:
         return f"unstable: {negative} negative pivots"

@@ -454,7 +454,7 @@ BACK = {
 @pytest.mark.parametrize("more", [{}, BACK], ids=["from the floor", "to the floor"])
 def test_a_drag_chain_lies_along_the_floor_and_comes_back_in_a_loop(more):
     """A boundary value problem has the front of the loop at 1.137 m and the end of what lies on the
-    floor at 0.963 m; spans are 83 mm long here. It stays there."""
+    floor at 0.963 m; spans are 83 mm long here. It stays there until it is pushed sideways."""
     sim = Simulator(load_scene(CHAIN | more))
     points = sim.centerline(np.linspace(0.0, 2.0, 2001))
     touching = sim.contacts["floor"].u
@@ -486,9 +486,16 @@ def test_a_cable_longer_than_its_gripper_is_high_lies_on_the_floor():
         Simulator(load_scene(DOWN | {"initial.shape": "straight"}))
 
 
+def test_a_first_shape_inside_of_something_is_said(monkeypatch):
+    monkeypatch.setattr(statics._FirstShape, "_fault", lambda self: 0.5)
+    with pytest.warns(UserWarning, match=r"0\.5 diameters deep in an obstacle or in itself; raise"):
+        Simulator(load_scene(DOWN))
+
+
 def test_everyday_scenes_above_a_table_start_outside_of_it_and_of_themselves():
-    """Of the first 15, 3, 7 and 11 are left out: two stiff cables and a rope that are pressed into
-    the table as far as its contact gives way, or farther."""
-    seeds = (0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14)
+    """They are stable, at rest, in nothing deeper than a tenth of the diameter and do not cross
+    themselves. Of 100, a nylon that is stiffer than its control points follow over an edge is not.
+    """
+    seeds = range(16)
     outcomes = [everyday_scenes.run_seed(seed, table=True) for seed in seeds]
     assert [(one.seed, one.kind, one.problem) for one in outcomes if one.problem] == []

@@ -283,7 +283,7 @@ def test_plastic_flow_that_is_not_found_is_said(monkeypatch):
     monkeypatch.setattr(
         statics,
         "relax",
-        lambda cable, flow=None, rest=1e-10: flow is None and relax(cable, rest=rest),
+        lambda cable, flow=None, rest=1e-10, **_: flow is None and relax(cable, rest=rest),
     )
     yields = {"plasticity.yield_curvature": 0.5, "plasticity.hardening": 0.3, "terms.twist": "off"}
     with pytest.warns(UserWarning, match="plastic flow did not converge; .* plasticity.hardening"):
