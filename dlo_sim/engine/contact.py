@@ -554,7 +554,7 @@ def coming(cable, o, g):
         v = scaled(1.0 / balance.length_before, combined(1.0, three(kept, POINT), -1.0, way))
     else:
         v = sample_at(cable, cable.work.start_v, g)
-    carried = body_velocity(pose, three(kept, PLACE), YES, balance.length)
+    carried = body_velocity(pose, three(kept, PLACE), YES, cable.work.results.contact_tau)
     v = combined(1.0, v, -1.0, carried)
     along_n = dot(three(kept, NORMAL), turned_back(pose, START, v))
     rest = RESTING * RESTING
@@ -1231,6 +1231,7 @@ def begin(cable, t0, tau, way, x):
     the obstacles, and what is near them.
     """
     balance, carried = cable.state.balance, 0.0
+    cable.work.results.contact_tau = tau
     if obstacles_move(cable):
         for o in range(cable.contact.count):
             set_pose(cable, o, MIDDLE, t0 + 0.5 * tau)
