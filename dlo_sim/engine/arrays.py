@@ -308,6 +308,7 @@ class State(Group):
     deepest = Reals("obstacles")  # that it pressed the cable in, so far [m]
     # Force per length of the impulses of the last step (`contact.look_at_stops`), by line [N/m].
     stopped = Lanes("obstacles", "groups", 3)
+    slides = Lanes("obstacles", "groups", 1)  # 1 where a sample slides, 0 where it lands or rests
     near_count = Reals("obstacles")
     near = Reals("obstacles", "groups")  # so many groups of samples that may touch the obstacle
     bristle = Lanes("obstacles", "groups", 3)  # friction that sticks, in its frame [m]
@@ -342,7 +343,6 @@ class Work(Group):
         "power",  # of the grasps at the present state [W] (`methods.runge_kutta`)
         "coupled",  # where the factors of the step are: IN_STATE, IN_SKYLINE or IN_ROLLING_BAND
         "touched",  # changes with what touches and slides, at the last forces (`contact.add_force`)
-        "contact_tau",  # length of the step (`contact.begin`) [s]
         *("contact_work", "contact_loss"),  # of the step [J] (`contact.look`)
         *("contact_sane", "contact_deep"),  # 1: nothing passed through; samples near a middle
         "twist_open",  # 1 if the twist of a cable that rolls has not converged
@@ -392,7 +392,7 @@ class Work(Group):
     trial = Lanes("obstacles", "groups", 3)  # bristles at the end of the step
     stops = Lanes("obstacles", "groups", 5)  # `contact.begin_stops`
     looked = Reals(13, groups.LANES)  # distances, then places (`engine.distance_field`)
-    measured = Lanes("obstacles", "groups", 2, 18)  # where samples are (`contact.measure`)
+    measured = Lanes("obstacles", "groups", 2, 17)  # where samples are (`contact.measure`)
     measured_known = Reals("obstacles", "groups", 2)  # `contact.UNKNOWN` to OF_STEP
     contact_sums = Reals(90, groups.LANES)  # derivatives between the control points of a span
     contact_values = Reals(9, groups.LANES)  # derivatives of the forces on samples

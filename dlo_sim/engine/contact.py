@@ -21,8 +21,8 @@ curvature: the last part vanishes on faces, spheres and cylinders, and where dy 
 way that is inside, the divided difference p_el = - k s (depth0 + depth1) / 2 of the energy
 k/2 depth^2, depth < 0, and c = l/2 + DAMPED (1 - l). Where a sample lands or rests, l = 1 and
 p = - k depth1: contact may be as stiff as it likes, as what a step leaves over does not swing back.
-Where it slides over a curved surface l is nearly 0 (`coming`): pressures at the ends of steps would
-lag behind the places of contact and brake the cable;
+Where it slid in the step before, l is nearly 0 (`slides_along`): pressures at the ends of steps
+would lag behind the places of contact and brake the cable;
     friction f = - min(1, mu p / |T|) T, T = k_t (P z0 + P dy), P normal to n, with the bristle z,
 an elastic displacement along the surface in the frame of the obstacle: it ends as z1 = - f / k_t,
 or zero where nothing touches. Its energy is k_t/2 z^2.
@@ -92,7 +92,7 @@ BEGUN, ENDED = 0, 1  # of `work.measured`: at the start and the end of a step
 UNKNOWN, KNOWN, OF_STEP = 0.0, 1.0, 2.0  # whether that is of the obstacles, and of this step
 # Entries there of a group of samples: points of the cable, their places in the frame of an
 # obstacle, and what `keep` sets.
-POINT, PLACE, DISTANCE, NORMAL, FAR, BEND, SIZE, COMING = 0, 3, 6, 7, 10, 11, 17, 17
+POINT, PLACE, DISTANCE, NORMAL, FAR, BEND, SIZE = 0, 3, 6, 7, 10, 11, 17
 STIFFNESS, BRISTLE, FRICTION = range(3)  # entries of the law of an obstacle: k, k_t, mu
 # Entries of `work.rolling` of a sample: T without the spin in this step (3), l (3), mu p, and its
 # derivative by y1 (3).
@@ -517,50 +517,6 @@ def set_distance(cable, o, g, when, y):
         mesh_distance(cable, o, g, when)
 
 
-@part
-def pose_rate(pose, k, f, g):
-    """f times the change of entry k of a pose in the first half of a step, g in the second."""
-    early, late = pose[MIDDLE + k] - pose[START + k], pose[END + k] - pose[MIDDLE + k]
-    return f * early + g * late
-
-
-@part
-def body_velocity(pose, y, begins, tau):
-    """Velocity (3, by line) of points y in the frame of an obstacle at the beginning or the end of
-    a step: that of the parabola through its three poses.
-    """
-    f, g = (3.0 / tau, -1.0 / tau) if begins else (-1.0 / tau, 3.0 / tau)
-    turned_by = (
-        (pose_rate(pose, 0, f, g), pose_rate(pose, 1, f, g), pose_rate(pose, 2, f, g)),
-        (pose_rate(pose, 3, f, g), pose_rate(pose, 4, f, g), pose_rate(pose, 5, f, g)),
-        (pose_rate(pose, 6, f, g), pose_rate(pose, 7, f, g), pose_rate(pose, 8, f, g)),
-    )
-    return (
-        dot(turned_by[0], y) + pose_rate(pose, 9, f, g),
-        dot(turned_by[1], y) + pose_rate(pose, 10, f, g),
-        dot(turned_by[2], y) + pose_rate(pose, 11, f, g),
-    )
-
-
-@part
-def coming(cable, o, g):
-    """1 where samples came along the normal of an obstacle, or rest on it, and 0 where they slide:
-    the square of the cosine between the normal and the motion of the last step, relative to the
-    obstacle, since velocities alternate where the cable is stiff.
-    """
-    kept, pose, balance = cable.work.measured[o, g, BEGUN], cable.state.pose[o], cable.state.balance
-    if balance.known >= 1.0:
-        way = sample_at(cable, cable.state.history[1], g)
-        v = scaled(1.0 / balance.length_before, combined(1.0, three(kept, POINT), -1.0, way))
-    else:
-        v = sample_at(cable, cable.work.start_v, g)
-    carried = body_velocity(pose, three(kept, PLACE), YES, cable.work.results.contact_tau)
-    v = combined(1.0, v, -1.0, carried)
-    along_n = dot(three(kept, NORMAL), turned_back(pose, START, v))
-    rest = RESTING * RESTING
-    return (along_n * along_n + rest) / (dot(v, v) + rest)
-
-
 @piece(void, CABLE, int64, int64, int64, LINES, terms=CONTACT)
 def measure(cable, o, g, when, x):
     """Set `work.measured[o, g, when]` to the points on x of the samples of a group, their places in
@@ -574,8 +530,6 @@ def measure(cable, o, g, when, x):
     kept[POINT], kept[POINT + 1], kept[POINT + 2] = r
     before, known[when] = known[when], OF_STEP if when == BEGUN else KNOWN
     if before != UNKNOWN and same_place(kept, y):
-        if when == BEGUN:
-            kept[COMING] = coming(cable, o, g)
         return
     ended = cable.work.measured[o, g, ENDED]
     if when == BEGUN and known[ENDED] != UNKNOWN and same_place(ended, y):
@@ -583,8 +537,6 @@ def measure(cable, o, g, when, x):
             kept[k] = ended[k]
     else:
         set_distance(cable, o, g, when, y)
-    if when == BEGUN:
-        kept[COMING] = coming(cable, o, g)
 
 
 # -- the law of one sample -----------------------------------------------------------------------
@@ -642,9 +594,7 @@ def pressure(cable, o, g, steps, here, there, dy):
         jumped = jumped * where(far - JUMP * reach, 1.0, 0.0)
         # Not across the opening of a ring, from one side to the other.
         jumped = jumped * where(-dot(here[1], dy), 1.0, where(dot(there[1], dy), 1.0, 0.0))
-    lands = cable.work.measured[o, g, BEGUN][COMING]
-    if not steps:
-        lands = zero()
+    lands = 1.0 - cable.state.slides[o, g, 0] if steps else zero()
     damped = (DAMPED if steps else 0.0) + (0.5 - DAMPED) * lands
     elastic, p, slope = pressed(law[STIFFNESS], damped, lands, g0, g1)
     loss = (p - elastic) * (g0 - g1)
@@ -1015,6 +965,31 @@ def add_pair(dim, first, one, other, i, c, value, band):
 
 
 @part
+def pose_rate(pose, k, f, g):
+    """f times the change of entry k of a pose in the first half of a step, g in the second."""
+    early, late = pose[MIDDLE + k] - pose[START + k], pose[END + k] - pose[MIDDLE + k]
+    return f * early + g * late
+
+
+@part
+def body_velocity(pose, y, begins, tau):
+    """Velocity (3, by line) of points y in the frame of an obstacle at the beginning or the end of
+    a step: that of the parabola through its three poses.
+    """
+    f, g = (3.0 / tau, -1.0 / tau) if begins else (-1.0 / tau, 3.0 / tau)
+    turned_by = (
+        (pose_rate(pose, 0, f, g), pose_rate(pose, 1, f, g), pose_rate(pose, 2, f, g)),
+        (pose_rate(pose, 3, f, g), pose_rate(pose, 4, f, g), pose_rate(pose, 5, f, g)),
+        (pose_rate(pose, 6, f, g), pose_rate(pose, 7, f, g), pose_rate(pose, 8, f, g)),
+    )
+    return (
+        dot(turned_by[0], y) + pose_rate(pose, 9, f, g),
+        dot(turned_by[1], y) + pose_rate(pose, 10, f, g),
+        dot(turned_by[2], y) + pose_rate(pose, 11, f, g),
+    )
+
+
+@part
 def is_pressed(cable, o, g):
     """Whether any sample of a group is pressed at the end of a step, as last looked at."""
     gap = cable.work.measured[o, g, ENDED][DISTANCE] - cable.contact.reach[o]
@@ -1211,6 +1186,7 @@ def find_near(cable, x, margin):
             else:
                 for k in range(3):
                     state.yielded[o, g, k] = zero()
+                state.slides[o, g, 0] = zero()
 
 
 @part
@@ -1231,7 +1207,6 @@ def begin(cable, t0, tau, way, x):
     the obstacles, and what is near them.
     """
     balance, carried = cable.state.balance, 0.0
-    cable.work.results.contact_tau = tau
     if obstacles_move(cable):
         for o in range(cable.contact.count):
             set_pose(cable, o, MIDDLE, t0 + 0.5 * tau)
@@ -1286,8 +1261,20 @@ def undo(cable):
         settle_yielding(cable, o, 0)
 
 
-@piece(void, CABLE, terms=CONTACT)
-def commit(cable):
+@part
+def slides_along(cable, o, g, tau):
+    """1 where samples moved along an obstacle in a step of length tau, 0 where they came along its
+    normal or rested: the square of the sine between the motion and the normal.
+    """
+    before, after = cable.work.measured[o, g, BEGUN], cable.work.measured[o, g, ENDED]
+    dy = combined(1.0, three(after, PLACE), -1.0, three(before, PLACE))
+    along_n, rest = dot(three(after, NORMAL), dy), RESTING * tau * RESTING * tau
+    way = dot(dy, dy)
+    return (way - along_n * along_n) / (way + rest)
+
+
+@piece(void, CABLE, float64, terms=CONTACT)
+def commit(cable, tau):
     """The bristles of the step become those of the state, its end poses those of its end; the
     deepest place of the run is kept.
     """
@@ -1299,6 +1286,7 @@ def commit(cable):
             if contact.law[o, FRICTION] > 0.0:
                 for d in range(3):
                     state.bristle[o, g, d] = cable.work.trial[o, g, d]
+            state.slides[o, g, 0] = slides_along(cable, o, g, tau)
             deep = contact.reach[o] - cable.work.measured[o, g, ENDED][DISTANCE]
             deep = where(fabs(contact.weight[g]), deep - state.yielded[o, g, 1], 0.0)
             deepest = where(deep - deepest, deep, deepest)

@@ -956,7 +956,7 @@ def try_step(cable, method, t0, tau, whole, level):
         balance.floor = max(balance.floor, floor)
         finish_step(cable, t0, tau, whole, lost)
         if cable.terms & CONTACT:
-            contact.commit(cable)
+            contact.commit(cable, tau)
         balance.slip = 0.5  # the energy balance takes the mean with both methods
         flow(cable)
     else:

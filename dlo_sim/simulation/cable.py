@@ -107,7 +107,8 @@ class Cable:
     def _touched(self) -> dict[Obstacle, tuple[Array, Samples]]:
         """Motion of every obstacle, and its bristles and yielding."""
         contact, state = self.arrays.contact, self.arrays.state
-        held = np.concatenate([np.asarray(state.bristle), np.asarray(state.yielded)], axis=2)
+        arrays = state.bristle, state.yielded, state.slides
+        held = np.concatenate([np.asarray(one) for one in arrays], axis=2)
         samples = [(one, contact.coarse, contact.pieces) for one in held]
         rows = zip(self.obstacles.copy(), samples, strict=True)
         return dict(zip(self.model.obstacles, rows, strict=False))
@@ -123,7 +124,8 @@ class Cable:
                     self.obstacles[k], kept = before[obstacle]
                     held = resampled(*kept, self.arrays.contact.pieces)
                     np.asarray(self.arrays.state.bristle)[k] = held[:, :3]
-                    np.asarray(self.arrays.state.yielded)[k] = held[:, 3:]
+                    np.asarray(self.arrays.state.yielded)[k] = held[:, 3:6]
+                    np.asarray(self.arrays.state.slides)[k] = held[:, 6:]
                     self.account.yields = 1.0  # until a step has looked
 
     def take_over_contact(self, other: Cable) -> None:
@@ -139,8 +141,10 @@ class Cable:
         for k, obstacle in enumerate(self.model.obstacles):
             if k < len(self.obstacles) and obstacle.name in theirs:
                 _, kept, law = theirs[obstacle.name]
-                force = law * resampled(*kept, group.pieces)[:, :3]
+                held = resampled(*kept, group.pieces)
+                force = law * held[:, :3]
                 np.asarray(state.bristle)[k] = force / group.law[k, contact.BRISTLE]
+                np.asarray(state.slides)[k] = held[:, 6:]
 
     def _set_pairs(self, pairs: Array, axes: Sequence[int]) -> None:
         """Set the pairs of segments and the bristles between them, which are by these axes."""

@@ -58,7 +58,8 @@ USUAL = 0.2, 50.0  # tension as usual: largest strain, force [N]
 THROWN_DEPTH = 0.2
 TAUT = 1e-3  # strain of what is pulled as usual
 OFF = 0.5  # of the radius of the cable: error of a mesh's field that is said
-TOO_DEEP = 0.02  # penetration in diameters above which a warning reports it
+TOO_DEEP = 0.02  # penetration in diameters in a run above which a warning reports it
+INSIDE = 0.1  # the same of what an obstacle that has yielded is inside the cable
 # Of half the thickness of a body: so deep is near its middle. Samples a reach apart can cross a
 # thin body no deeper than half of it.
 MIDDLE = 0.6
@@ -558,10 +559,11 @@ def press_warning(name: str, found: Contact, scene: Scene, finer: str) -> str:
     finer: what gives the control points that are needed as well; empty if there are enough.
     """
     diameter = scene.cable.diameter
-    pressed = -found.clearance if len(found.u) else 0.0
-    deepest, what = max((pressed, "is"), (found.deepest, "was"))
-    if deepest <= TOO_DEEP * diameter:
-        return ""
+    deepest, what = -found.clearance if len(found.u) else 0.0, "is"
+    if deepest <= INSIDE * diameter:
+        deepest, what = found.deepest, "was"
+        if deepest <= TOO_DEEP * diameter:
+            return ""
     stiff = found.stiffness * found.deepest / (0.5 * TOO_DEEP * diameter)
     cure = f"raise contact.stiffness to {stiff:.2g}"
     cure = f"{cure} and {finer}" if finer else cure

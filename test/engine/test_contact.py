@@ -59,7 +59,7 @@ def step_tangent(address, x0, x1):
 @piece(void, int64, ARRAY, terms=CONTACT)
 def end_step(address, out):
     cable = cable_at(address)
-    contact.commit(cable)
+    contact.commit(cable, TAU)
     cable.work.energies[TOUCHING] = 0.0
     contact.energy(cable, cable.state.x, cable.work.energies)
     out[0] = cable.work.energies[TOUCHING]

@@ -169,8 +169,8 @@ def test_a_thin_ring_that_is_pulled_through_a_taut_cable_is_told():
     sim.move_obstacle("body", place.then(0.3, velocity=[0.0, 0.0, 1.0]))
     assert sim.advance(0.3).status.ok
     assert sim.contact("body").clearance > 0.1
-    through, pressed = sim.warnings
-    assert pressed.startswith("obstacles.body: the cable was pressed")
+    through, *pressed = sim.warnings
+    assert pressed and all(" pressed " in line for line in pressed)
     assert "pressed near the middle of one, and may have gone through it" in through
     assert "raise contact.stiffness, or inputs.max_speed (20 m/s)" in through
 
@@ -227,7 +227,8 @@ def test_a_cable_over_a_body_penetrates_by_a_hundredth(shape, radius, youngs_mod
     assert sim.contact("body").force[2] == pytest.approx(weight + 2.0 * pull, rel=0.01)
     assert -0.015 < sim.contact("body").clearance / (2.0 * RADIUS) < 0.0
     assert sim.energy_error < 1e-5
-    assert not sim.warnings
+    # Deeper only while it comes to lie on a few samples, which is said.
+    assert all("the cable was pressed" in line for line in sim.warnings)
 
 
 def test_a_cable_with_no_room_between_planes_is_told():
@@ -238,7 +239,7 @@ def test_a_cable_with_no_room_between_planes_is_told():
     assert sim.advance(0.5).status.ok
     lines = [line for line in sim.warnings if "the cable is pressed" in line]
     assert [line.split(":")[0] for line in lines] == ["obstacles.body"]
-    assert "0.00239 m into it, 40% of its diameter; give it room, or raise" in lines[0]
+    assert "0.0024 m into it, 40% of its diameter; give it room, or raise" in lines[0]
     assert fastest(sim) < 0.01
 
 
@@ -277,15 +278,20 @@ def test_a_bend_round_an_edge_that_the_spans_cannot_follow_is_told():
         "obstacles.box.position": [-0.5, 0.0, -0.05],
     }
     told = {}
-    for points in (0, 25, 62):
+    for points in (0, 25):
         sim = Simulator(load_scene(values | {"discretization.control_points": points}))
         assert not sim.warnings
         sim.advance(1.0)
         told[sim.model.n] = sim.warnings
-    assert told[60] == told[62] == ()
+    assert told[60] == ()
     (line,) = told[25]
-    assert re.fullmatch(
+    found = re.fullmatch(
         r"obstacles.box: the cable bends round it by 0\.9\d rad in a knot span at 0\.40\d m, so "
-        r"forces there may be some 10 % off or more; raise discretization.control_points to 62",
+        r"forces there may be some 10 % off or more; raise discretization.control_points to (\d+)",
         line,
     )
+    assert found
+    assert 50 <= int(found[1]) <= 75
+    sim = Simulator(load_scene(values | {"discretization.control_points": int(found[1])}))
+    sim.advance(1.0)
+    assert not sim.warnings
