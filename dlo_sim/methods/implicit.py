@@ -920,7 +920,8 @@ def try_step(cable, method, t0, tau, whole, level):
             shrinking = balance.matrix_shrinking
         share, touched = 1.0, work.results.touched
         exhausted = moved <= ROUND_OFF * reach or (stalls > 1 and moved <= NOISE * reach)
-        allowed = allowed_error(balance, tolerance, inertia, room)
+        # The parts of a step that was halved share what it may leave open.
+        allowed = allowed_error(balance, tolerance, inertia, room) / (1 << level)
         converged = exhausted or min(SAFETY * shrinking, 1.0) * defect <= allowed
         if converged and cable.terms & CONTACT:
             after = contact.look(cable, work.start, cable.state.x, work.rate)

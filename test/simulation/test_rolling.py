@@ -113,8 +113,11 @@ def test_a_turning_drum_spins_a_cable_that_lies_along_it():
         },
     )
     set_moving(cable, angular_velocity=(0.0, rate, 0.0))
-    cable.advance(0.5)
-    assert motion(cable)[1] == pytest.approx(-rate * drum / RADIUS, rel=2e-3)
+    cable.advance(0.3)
+    before = cable.control_points[:, 3].mean()
+    cable.advance(0.2)  # the mean of a time in which the rod, which started at once, still trembles
+    turned = cable.control_points[:, 3].mean() - before
+    assert turned == pytest.approx(-0.2 * rate * drum / RADIUS, rel=2e-3)
     assert cable.energy_error < 1e-6
 
 

@@ -75,9 +75,9 @@ def test_a_soft_cable_gets_an_implicit_method(modulus):
     assert sim.energy_error < 1e-5
 
 
-@pytest.mark.parametrize(("seed", "status"), [(1, "DIVERGED"), (34, "UNRESOLVED"), (8, "OK")])
+@pytest.mark.parametrize(("seed", "status"), [(1, "DIVERGED"), (14, "UNRESOLVED"), (8, "OK")])
 def test_an_explicit_swing_is_right_or_said(seed, status):
-    """At the chosen share of the limit at rest these gain energy: 50 %, 1.6 % and 0.7 %."""
+    """At the chosen share of the limit at rest these gain energy: 50 %, 11 % and 0.7 %."""
     sim = Simulator(swing(seed).scene({"integrator.method": "velocity_verlet"}))
     report = sim.advance(10.0)
     assert report.status.name == status
