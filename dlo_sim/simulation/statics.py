@@ -486,9 +486,10 @@ class _FirstShape:
         points, scene = self._cable.points[:, :3], self._scene
         if not any(scene.friction_of(body) for body in scene.bodies):
             return False
-        if np.abs((points - points[0]) @ self._across).max() > FLAT * scene.cable.length:
+        aside = ((points - points[0]) * self._across).sum(axis=1)
+        if np.abs(aside).max() > FLAT * scene.cable.length:
             return False
-        pull = float(np.linalg.norm(scene.gravity))
+        pull = math.hypot(*scene.gravity)
         return _Search(self._cable).stable(scene.cable.length / (TOPPLES * pull))
 
     def _relax_with_flow(self, rest: float) -> bool:
@@ -621,8 +622,8 @@ class _Way:
             if geometry.u is not None
         }
         self.easy = self._easy()
-        across, pull = np.cross(scene.gravity, direction), np.linalg.norm(scene.gravity)
-        size = float(np.linalg.norm(across))
+        across, pull = np.cross(scene.gravity, direction), math.hypot(*scene.gravity)
+        size = math.hypot(*across)
         self.across = across / size if size > LEVEL * pull else None
 
     def begin_clear(self, origin: Array) -> None:
@@ -848,7 +849,7 @@ def _nudge(cable: Cable, across: Array | None = None) -> None:
         side = np.sin((2.0 + axis) * share + 0.7 * axis + 0.4)
         push[axis] = mass.multiply(cable.model.mass(0), side)
     if across is not None:
-        push[: len(across)] -= np.outer(across, across @ push[: len(across)])
+        push[: len(across)] -= across[:, None] * (across[:, None] * push[: len(across)]).sum(axis=0)
     way = cable.free_acceleration(push)
     cable.x[:] += NUDGE * length / max(np.abs(way).max(), 1e-300) * way
 
@@ -1012,7 +1013,8 @@ class _Search:
         inertia = cable.model.mass(0)
         resisted = moved[:dim] / pseudo
         if self._guide.size:
-            resisted = resisted + self._guide @ (cable.x[:dim] - self._begun)
+            away = cable.x[:dim] - self._begun
+            resisted = resisted + (self._guide[:, :, None] * away).sum(axis=1)
         resisted = np.stack([mass.multiply(inertia, line) for line in resisted], axis=1)
         unknowns = (force[:dim].T - resisted).ravel()
         # Row i dim + d of the matrix belongs to coordinate d of control point i.
