@@ -919,9 +919,10 @@ def try_step(cable, method, t0, tau, whole, level):
         elif made == 0 and iterations == 1:
             shrinking = balance.matrix_shrinking
         share, touched = 1.0, work.results.touched
+        if cable.terms & CONTACT and iterations > WHOLE:
+            shrinking = 1.0  # what contracts only now may do so by touching something else
         exhausted = moved <= ROUND_OFF * reach or (stalls > 1 and moved <= NOISE * reach)
-        # The parts of a step that was halved share what it may leave open.
-        allowed = allowed_error(balance, tolerance, inertia, room) / (1 << level)
+        allowed = allowed_error(balance, tolerance, inertia, room)
         converged = exhausted or min(SAFETY * shrinking, 1.0) * defect <= allowed
         if converged and cable.terms & CONTACT:
             after = contact.look(cable, work.start, cable.state.x, work.rate)
