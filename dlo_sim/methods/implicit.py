@@ -128,6 +128,7 @@ from dlo_sim.methods.twist_step import end_twist, step_twist, twist_matrix
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_HALVINGS = 12
 WHOLE, HALVED = 5, 15  # iterations up to which a change of what touches is taken whole, or halved
+TRUSTING = 3  # iterations up to which the expected contraction counts where something touches
 CAREFUL_HALVINGS = 4  # of a step that folds the cable over; after these the fold is accepted
 SLOW = 0.02  # ratio of successive correction energies above which the matrix is renewed
 STALLED = 0.2  # the same above which a correction counts as stalled
@@ -919,7 +920,7 @@ def try_step(cable, method, t0, tau, whole, level):
         elif made == 0 and iterations == 1:
             shrinking = balance.matrix_shrinking
         share, touched = 1.0, work.results.touched
-        if cable.terms & CONTACT and iterations > WHOLE:
+        if cable.terms & CONTACT and iterations > TRUSTING:
             shrinking = 1.0  # what contracts only now may do so by touching something else
         exhausted = moved <= ROUND_OFF * reach or (stalls > 1 and moved <= NOISE * reach)
         allowed = allowed_error(balance, tolerance, inertia, room)
