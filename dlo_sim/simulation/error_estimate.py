@@ -181,7 +181,10 @@ class ErrorEstimate:
                 self._follow()
             if not report.status.advanced or done >= steps:
                 simulated = done * simulator.step
-                note = newton_note(simulator.choice.method, simulator.step, done, evaluations)
+                touches = simulator.scene.touches
+                note = newton_note(
+                    simulator.choice.method, simulator.step, done, evaluations, touches
+                )
                 return Report(report.status, report.message, done, simulated, evaluations, note)
 
     def set_load(

@@ -14,6 +14,7 @@ from dlo_sim.methods.implicit import ROOM
 # paper_wire and paper_wire_force took 4.0 to 5.3 on average, two_grippers at rest took 1.
 MOST_USUAL = 10
 FAR_ABOVE = 2 * MOST_USUAL
+USUAL_IN_CONTACT = 2  # times as many are usual where what touches and slides changes
 # Energy error of an explicit method that is said, and from which its motion is not ok. The paper's
 # wire has 1e-11 to 7e-6 at 0.9 of the stability limits; free swings that go on beyond it diverge
 # sooner or later.
@@ -106,14 +107,16 @@ def balance_warning(method: Method, tolerance: float, error: float) -> str:
     )
 
 
-def newton_note(method: Method, step: float, steps: int, iterations: int) -> str:
-    """One line if Newton's method took far more iterations than usual per step, else empty."""
-    done = steps * len(method.substeps)
-    if method.family != IMPLICIT or iterations <= FAR_ABOVE * done:
+def newton_note(method: Method, step: float, steps: int, iterations: int, touches: bool) -> str:
+    """One line if Newton's method took far more iterations than usual per step, else empty.
+    touches: whether there are obstacles.
+    """
+    done, usual = steps * len(method.substeps), USUAL_IN_CONTACT if touches else 1
+    if method.family != IMPLICIT or iterations <= usual * FAR_ABOVE * done:
         return ""
     each = f"{iterations / max(done, 1):.0f} iterations per {'sub-' * (done > steps)}step"
     return (
-        f"Newton's method took {each} where up to {MOST_USUAL} are usual: the cable moves far "
+        f"Newton's method took {each} where up to {usual * MOST_USUAL} are usual: the cable moves far "
         f"within integrator.step {step:g} s; a smaller one is more accurate, and may be faster"
     )
 

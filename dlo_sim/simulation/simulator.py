@@ -580,7 +580,8 @@ class Simulator:
                     f"u = {self.greville[worst]:.3g} m; method {self.method}, step {self.step:g} s)"
                 )
                 return Report(status, message, done, done * self.step, evaluations)
-        note = newton_note(self.choice.method, self.step, done, evaluations)
+        touches = self.scene.touches
+        note = newton_note(self.choice.method, self.step, done, evaluations, touches)
         wrong = unexplained_stretch(self.model, self.cable.points, self._ends, self.time)
         if not wrong and self.choice.method.family != IMPLICIT and self.energy_error > WRONG:
             wrong = self._open_balance
