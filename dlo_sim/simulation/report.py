@@ -116,8 +116,8 @@ def newton_note(method: Method, step: float, steps: int, iterations: int, touche
         return ""
     each = f"{iterations / max(done, 1):.0f} iterations per {'sub-' * (done > steps)}step"
     return (
-        f"Newton's method took {each} where up to {usual * MOST_USUAL} are usual: the cable moves far "
-        f"within integrator.step {step:g} s; a smaller one is more accurate, and may be faster"
+        f"Newton's method took {each} where up to {usual * MOST_USUAL} are usual: the cable moves "
+        f"far within integrator.step {step:g} s; a smaller one is more accurate, and may be faster"
     )
 
 

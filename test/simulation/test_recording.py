@@ -266,9 +266,11 @@ def test_a_run_looks_up_in_time_whatever_a_step_takes(monkeypatch, cost):
 
 def test_iterations_are_counted_per_sub_step_and_of_newton_alone():
     composed = METHODS["energy_momentum_4"]
-    assert newton_note(composed, 1e-3, 10, 10 * 5 * 20) == ""
-    assert "21 iterations per sub-step" in newton_note(composed, 1e-3, 10, 10 * 5 * 21)
-    assert newton_note(METHODS["rk4"], 1e-3, 10, 1000) == ""
+    assert newton_note(composed, 1e-3, 10, 10 * 5 * 20, False) == ""
+    assert "21 iterations per sub-step" in newton_note(composed, 1e-3, 10, 10 * 5 * 21, False)
+    assert newton_note(METHODS["rk4"], 1e-3, 10, 1000, False) == ""
+    touching = METHODS["energy_momentum"], 1e-3, 10
+    assert newton_note(*touching, 400, True) == "" != newton_note(*touching, 410, True)
 
 
 def test_an_interrupted_run_keeps_what_it_has():
