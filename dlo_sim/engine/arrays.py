@@ -343,6 +343,7 @@ class Work(Group):
         "power",  # of the grasps at the present state [W] (`methods.runge_kutta`)
         "coupled",  # where the factors of the step are: IN_STATE, IN_SKYLINE or IN_ROLLING_BAND
         "touched",  # changes with what touches and slides, at the last forces (`contact.add_force`)
+        "yielded",  # `balance.yields` at the start of the step
         *("contact_work", "contact_loss"),  # of the step [J] (`contact.look`)
         *("contact_sane", "contact_deep"),  # 1: nothing passed through; samples near a middle
         "twist_open",  # 1 if the twist of a cable that rolls has not converged

@@ -46,12 +46,12 @@ the tangent t. Friction then sees dy - phi l in place of dy, and turns the cable
 the moment - l.f per length (`engine.rolling`). Without that, friction acts on the axis. The moment
 of friction along the cable, which bends it, is left out.
 
-**Jumps.** An obstacle that jumps into the cable would fling it out. It yields instead: it reaches
-less far to each sample by as much as leaves the pressure what it was
-(`simulation.obstacles.give_way`), and grows back at the speed RETURN where the cable gives way.
-Where it does not, being held or pushed out of two opposite sides, it grows slowly, and waits at
-last; its force is bounded. The gap then changes by n.dy and the growth, whose work p times growth
-is that of the obstacle.
+**Jumps.** An obstacle that jumps into the cable would fling it out. It yields instead: at first its
+reach becomes less by the same length for all samples, the largest by which one is pressed in more
+than before (`simulation.obstacles.give_way`). Then the reach to each sample grows back at up to
+RETURN, as fast as the cable gives way. Where it does not, being held or pushed out of two opposite
+sides, it grows slowly, and waits at last; its force is bounded. The gap then changes by n.dy and
+the growth, whose work p times growth is that of the obstacle.
 
 **Broad phase.** Groups of samples near an obstacle are found for many steps at once: until cable
 and obstacles have moved by `balance.contact_margin`.
@@ -106,8 +106,8 @@ RETURN = 0.2  # [m/s], at which an obstacle that has yielded pushes the cable ou
 # the sample came out in the last one; where it does not, being held, until the pressure is that of
 # so many weights of the cable on EARTH, after RISE [s], as a sudden push would lever it out.
 FOLLOWED, PRESSED, RISE, EARTH = 2.0, 150.0, 0.15, 9.81
-SHALLOW = 0.03  # diameters that a cable may begin inside, and of what is not worth a word
-# Share of the pressure that follows the end of a step rather than its middle, of what slides.
+SHALLOW = 0.03  # diameters that a cable may begin inside, and up to which nothing is said
+# Weight of the end of the step, beyond its middle, in the pressure on samples that slide.
 DAMPED = 0.01
 RESTING = 1e-3  # [m/s], below which what touches does not slide
 STOP = 1e2  # penalty for other velocities than those after contact, in linear densities
@@ -138,13 +138,6 @@ def set_pose(cable, o, at, t):
         a = line_axis(cable, d)
         way = m[POSITION + 3 + a] + s * m[POSITION + 6 + a]
         pose[at + 9 + d] = m[POSITION + a] + s * way - cable.contact.still[a]
-
-
-@part
-def copy_pose(pose, at, to):
-    """Copy the pose at `at` to `to`."""
-    for k in range(12):
-        pose[to + k] = pose[at + k]
 
 
 @part
@@ -1008,7 +1001,8 @@ def after_contact(cable, o, g, tau, v):
     here, there = measured(before), measured(after)
     dy = combined(1.0, three(after, PLACE), -1.0, three(before, PLACE))
     found = pressure(cable, o, g, YES, here, there, dy)
-    n, p, rubbed, lever = there[1], found[3], (zero(), zero(), zero()), (zero(), zero(), zero())
+    n = scaled(1.0 / (sqrt(dot(there[1], there[1])) + TINY), there[1])
+    p, rubbed, lever = found[3], (zero(), zero(), zero()), (zero(), zero(), zero())
     carried = body_velocity(pose, three(after, PLACE), NO, tau)
     u = turned_back(pose, END, combined(1.0, sample_at(cable, v, g), -1.0, carried))
     if law[FRICTION] > 0.0:
@@ -1224,6 +1218,7 @@ def begin(cable, t0, tau, way, x):
         for k in range(int(cable.state.near_count[o])):
             known = cable.work.measured_known[o, int(cable.state.near[o, k])]
             known[BEGUN] = min(known[BEGUN], KNOWN)
+    cable.work.results.yielded = balance.yields
     if balance.yields > 0.0:
         grow_back(cable, tau, x)
 
@@ -1248,7 +1243,7 @@ def grow_back(cable, tau, x):
             room = before - deep  # where it does not press, to where it does
             grown = where(room, where(room - RETURN * tau, RETURN * tau, room), grown)
             after = before - where(most + room, grown, 0.0)
-            yielded[1], yielded[2] = where(after, after, 0.0), deep
+            yielded[1] = where(after, after, 0.0)
             left += yielded[1]
     state.balance.yields = 1.0 if lane_sum(left) > 0.0 else 0.0
 
@@ -1259,18 +1254,21 @@ def undo(cable):
     for o in range(cable.contact.count):
         settle_pose(cable.state.pose[o], START)
         settle_yielding(cable, o, 0)
+    cable.state.balance.yields = cable.work.results.yielded
 
 
 @part
 def slides_along(cable, o, g, tau):
-    """1 where samples moved along an obstacle in a step of length tau, 0 where they came along its
-    normal or rested: the square of the sine between the motion and the normal.
+    """|dy across n|^2 / (|dy|^2 + (RESTING tau)^2) for the motion dy of samples relative to an
+    obstacle in a step of length tau: about 1 where they slide, 0 where they come along the normal n
+    or rest.
     """
     before, after = cable.work.measured[o, g, BEGUN], cable.work.measured[o, g, ENDED]
     dy = combined(1.0, three(after, PLACE), -1.0, three(before, PLACE))
-    along_n, rest = dot(three(after, NORMAL), dy), RESTING * tau * RESTING * tau
-    way = dot(dy, dy)
-    return (way - along_n * along_n) / (way + rest)
+    n, rest, way = three(after, NORMAL), RESTING * tau * RESTING * tau, dot(dy, dy)
+    along_n = dot(n, dy)
+    across = way - along_n * along_n / (dot(n, n) + TINY)  # those of meshes have no exact length
+    return where(across, across, 0.0) / (way + rest)
 
 
 @piece(void, CABLE, float64, terms=CONTACT)
@@ -1288,6 +1286,9 @@ def commit(cable, tau):
                     state.bristle[o, g, d] = cable.work.trial[o, g, d]
             state.slides[o, g, 0] = slides_along(cable, o, g, tau)
             deep = contact.reach[o] - cable.work.measured[o, g, ENDED][DISTANCE]
+            # Of the start of the step, for `grow_back`.
+            begun = cable.work.measured[o, g, BEGUN][DISTANCE]
+            state.yielded[o, g, 2] = contact.reach[o] - begun
             deep = where(fabs(contact.weight[g]), deep - state.yielded[o, g, 1], 0.0)
             deepest = where(deep - deepest, deep, deepest)
         if any_above(deepest - state.deepest[o]):

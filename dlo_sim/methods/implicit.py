@@ -127,7 +127,10 @@ from dlo_sim.methods.twist_step import end_twist, step_twist, twist_matrix
 
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_HALVINGS = 12
-WHOLE, HALVED = 5, 15  # iterations up to which a change of what touches is taken whole, or halved
+WHOLE, HALVED = (
+    5,
+    15,
+)  # iterations up to which corrections that change what touches are whole, halved
 TRUSTING = 3  # iterations up to which the expected contraction counts where something touches
 CAREFUL_HALVINGS = 4  # of a step that folds the cable over; after these the fold is accepted
 SLOW = 0.02  # ratio of successive correction energies above which the matrix is renewed
@@ -685,9 +688,11 @@ def stop_contacts(cable, t, tau):
         work.results.coupled = IN_STATE
         if cable.terms & ROLLING:
             work.results.coupled = IN_ROLLING_BAND
-            if not eliminate_stops(cable, directions, band):
-                return 0.0
-        elif not eliminate(band, cable.n * dim, dim):
+            done = eliminate_stops(cable, directions, band)
+        else:
+            done = eliminate(band, cable.n * dim, dim)
+        if not done:  # not for positive masses
+            contact.clear_stopped(cable)
             return 0.0
         solve_border(cable, band, SOFT)
         for d in range(dim):

@@ -53,6 +53,7 @@ LEAST_DENSITY = 1e-15  # [kg/m], of the least diameter and density allowed
 LEAST_CELLS = 8  # of a mesh's field
 LEAST_QUATERNION = 1e-3  # norm below which an orientation is refused
 LEAST_SIZE = 1e-9  # [m], of an obstacle
+LEAST_STIFFNESS = 1e-6  # [N/m^2], of contact
 _LARGEST_STRETCH = 2.0  # distance of held ends, in lengths, above which it is surely a mistake
 
 Conflicts = Iterator[tuple[str, object, str]]
@@ -1523,6 +1524,7 @@ def _conflicts(scene: Scene) -> Conflicts:
     for obstacle in scene.obstacles:
         key = f"obstacles.{obstacle.name}"
         yield from _of(key, obstacle, _frame_of_obstacle(key, obstacle, scene.frame_id))
+    yield from _contact(scene.contact)
     if scene.contact.markers and scene.terms.contact == "off":
         problem = "obstacles would do nothing, since terms.contact is off; set it to auto"
         yield "contact.markers", scene.contact.markers, problem
@@ -1800,6 +1802,12 @@ def _frame_of_obstacle(key: str, obstacle: Obstacle, world: str) -> Iterator[tup
         yield "frame", f"is no frame of tf2; give {obstacle.frame.lstrip('/') or 'table'}"
     if obstacle.frame == world:
         yield "frame", "is the world frame, frame_id, in which obstacles rest; remove it"
+
+
+def _contact(contact: Contact) -> Conflicts:
+    if 0.0 < contact.stiffness < LEAST_STIFFNESS:
+        problem = f"is below {LEAST_STIFFNESS:g}; give 0 to have it chosen"
+        yield "contact.stiffness", contact.stiffness, problem
 
 
 def _times(scene: Scene) -> Conflicts:

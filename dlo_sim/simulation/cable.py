@@ -104,16 +104,16 @@ class Cable:
         self.account.load_work += pending
         self._forget_history()
 
-    def _touched(self) -> dict[Obstacle, tuple[Array, Samples]]:
-        """Motion of every obstacle, and its bristles and yielding."""
+    def _touched(self) -> dict[Obstacle, tuple[Array, float, Samples]]:
+        """Motion of every obstacle, how deep it pressed, and its bristles and yielding."""
         contact, state = self.arrays.contact, self.arrays.state
         arrays = state.bristle, state.yielded, state.slides
         held = np.concatenate([np.asarray(one) for one in arrays], axis=2)
         samples = [(one, contact.coarse, contact.pieces) for one in held]
-        rows = zip(self.obstacles.copy(), samples, strict=True)
+        rows = zip(self.obstacles.copy(), state.deepest.copy(), samples, strict=True)
         return dict(zip(self.model.obstacles, rows, strict=False))
 
-    def _touch(self, before: Mapping[Obstacle, tuple[Array, Samples]]) -> None:
+    def _touch(self, before: Mapping[Obstacle, tuple[Array, float, Samples]]) -> None:
         """Continue what was before with the obstacles that there are still; the others rest in
         their places.
         """
@@ -121,7 +121,7 @@ class Cable:
             if k < len(self.obstacles):
                 self.obstacles[k] = place
                 if obstacle in before:
-                    self.obstacles[k], kept = before[obstacle]
+                    self.obstacles[k], self.arrays.state.deepest[k], kept = before[obstacle]
                     held = resampled(*kept, self.arrays.contact.pieces)
                     np.asarray(self.arrays.state.bristle)[k] = held[:, :3]
                     np.asarray(self.arrays.state.yielded)[k] = held[:, 3:6]
@@ -130,17 +130,18 @@ class Cable:
 
     def take_over_contact(self, other: Cable) -> None:
         """Go on with the friction that holds another cable on obstacles of the same names, if its
-        control points have the same knots.
+        control points have the same knots, and with how deep they have pressed it.
         """
-        if not np.array_equal(self.model.knots, other.model.knots):
-            return
+        same = np.array_equal(self.model.knots, other.model.knots)
         laws = other.arrays.contact.law[:, contact.BRISTLE]
         touched = zip(other._touched().items(), laws, strict=False)
         theirs = {obstacle.name: (*kept, law) for (obstacle, kept), law in touched}
         state, group = self.arrays.state, self.arrays.contact
         for k, obstacle in enumerate(self.model.obstacles):
             if k < len(self.obstacles) and obstacle.name in theirs:
-                _, kept, law = theirs[obstacle.name]
+                _, state.deepest[k], kept, law = theirs[obstacle.name]
+                if not same:
+                    continue
                 held = resampled(*kept, group.pieces)
                 force = law * held[:, :3]
                 np.asarray(state.bristle)[k] = force / group.law[k, contact.BRISTLE]
@@ -173,7 +174,7 @@ class Cable:
             self.call(self_contact.look)
             kept = before.pressed_strands if before and not released else None
             if kept is not None:
-                kept /= self.arrays.chain.law[contact.STIFFNESS]
+                kept /= self.arrays.chain.law[self_contact.STIFFNESS]
             parted = self.part_strands(kept=kept)
             shallow = contact.SHALLOW * self.arrays.chain.diameter
             account.overlap = parted if parted > shallow else 0.0
@@ -187,7 +188,7 @@ class Cable:
             np.array_equal(self.model.knots, other.model.knots)
             and ours.segments == theirs.segments
             and ours.diameter == theirs.diameter
-            and ours.law[contact.STIFFNESS] == theirs.law[contact.STIFFNESS]
+            and ours.law[self_contact.STIFFNESS] == theirs.law[self_contact.STIFFNESS]
         )
 
     def _begin_slides(self) -> None:
@@ -344,14 +345,22 @@ class Cable:
             self.call(contact.place_obstacles, t)
 
     def touch_anew(self, t: float) -> None:
-        """Begin all contacts at the present configuration and time t, without friction so far."""
+        """Begin all contacts at the present configuration and time t, without friction or impulses
+        so far.
+        """
         state = self.arrays.state
-        state.bristle[:] = 0.0
+        self.forget_contact()
         self.place_obstacles(t)
         if self.model.has(SELF):
             state.pair[:] = 0.0
             state.balance.pairs = 0.0
             self.call(self_contact.look)
+
+    def forget_contact(self) -> None:
+        """Set what earlier steps have left of contact with obstacles, but for yielding, to zero."""
+        state = self.arrays.state
+        for array in (state.bristle, state.stopped, state.slides, state.deepest):
+            array[:] = 0.0
 
     def strands(self) -> Array:
         """What of the cable may touch itself, rows of `engine.self_contact.report`."""
@@ -365,7 +374,7 @@ class Cable:
         if not self.model.has(SELF):
             return None
         depth = -float(self.strands()[:, 0].min(initial=0.0)) - self.account.pair_yield
-        return float(self.arrays.chain.law[contact.STIFFNESS]) * max(depth, 0.0)
+        return float(self.arrays.chain.law[self_contact.STIFFNESS]) * max(depth, 0.0)
 
     def part_strands(self, u: float | None = None, kept: float | None = None) -> float:
         """Let strands that overlap give way (`engine.self_contact`); returns by how much [m].

@@ -20,7 +20,6 @@ from dlo_sim.simulation.model import Model
 Array = NDArray[np.float64]
 DENSE_LIMIT = 700  # unknowns up to which a dense solution is fast enough
 ITERATIONS = 120
-KINK = 4.0
 
 
 def largest_frequency(scene: Scene, cable: Cable) -> float:
@@ -58,15 +57,12 @@ def _without_rounding(frequency: float) -> float:
     return float(f"{frequency:.10g}")
 
 
-def with_grasps_and_contact(scene: Scene, model: Model, frequency: float) -> float:
-    """Upper bound of the frequency [rad/s] once all idle grasps have taken the cable and it touches
-    an obstacle.
+def with_grasps(scene: Scene, model: Model, frequency: float) -> float:
+    """Upper bound of the frequency [rad/s] once all idle grasps have taken the cable.
 
     By Weyl's inequality, a spring k at the basis values (or slopes) b adds at most k b.(M^-1 b) to
-    omega^2, a jaw at most the largest omega^2 of its additional bending stiffness if it acted along
-    the whole cable, and contact KINK^2 times the square of its own largest frequency. KINK allows
-    for the kink in the contact force: in a hard landing, a step near the limit would gain 40 % of
-    the energy, a quarter of that step 1 %.
+    omega^2, and a jaw at most the largest omega^2 of its additional bending stiffness if it acted
+    along the whole cable.
     """
     idle = [grasp for grasp in scene.grasps if not grasp.taken]
     if any(grasp.jaw for grasp in idle):

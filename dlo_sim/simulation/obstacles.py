@@ -348,8 +348,8 @@ def contact_with(
     pose: tuple[Array, Array] | None,
     tension: Callable[[Array], Array] | None,
 ) -> Contact:
-    """What of a cable touches an obstacle at the present configuration. The friction is that of
-    the bristles, without their damping.
+    """What of a cable touches an obstacle at the present configuration. Forces are
+    those of pressure and bristles, with the mean force of the impulses in the last step.
 
     Args:
         number: of the obstacle. pose: position [m] and quaternion of it, world frame, needed of
@@ -564,12 +564,14 @@ def press_warning(name: str, found: Contact, scene: Scene, finer: str) -> str:
         deepest, what = found.deepest, "was"
         if deepest <= TOO_DEEP * diameter:
             return ""
-    stiff = found.stiffness * found.deepest / (0.5 * TOO_DEEP * diameter)
-    cure = f"raise contact.stiffness to {stiff:.2g}"
-    cure = f"{cure} and {finer}" if finer else cure
+    cures = [finer] if finer else []
+    if found.deepest > TOO_DEEP * diameter:
+        stiff = found.stiffness * found.deepest / (0.5 * TOO_DEEP * diameter)
+        cures.insert(0, f"raise contact.stiffness to {stiff:.2g}")
+    cure = ", or ".join(filter(None, ("give it room", " and ".join(cures))))
     return (
         f"obstacles.{name}: the cable {what} pressed {deepest:.3g} m into it, "
-        f"{deepest / diameter:.0%} of its diameter; give it room, or {cure}"
+        f"{deepest / diameter:.0%} of its diameter; {cure}"
     )
 
 

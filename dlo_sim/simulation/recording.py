@@ -246,7 +246,9 @@ class _IterationCounts:
         return (f"in {self._slow[0]} of {self._simulator.steps} steps {note}",) if note else ()
 
     def _note(self, part: NDArray[np.int64]) -> str:
-        return newton_note(self._simulator.choice.method, self._simulator.step, *part.tolist())
+        sim = self._simulator
+        steps, iterations = part.tolist()
+        return newton_note(sim.choice.method, sim.step, steps, iterations, sim.scene.touches)
 
 
 def _run(

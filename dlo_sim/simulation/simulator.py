@@ -57,7 +57,7 @@ from dlo_sim.simulation.forecast import (
     checked_times,
     shape_times,
 )
-from dlo_sim.simulation.frequency import largest_frequency, with_grasps_and_contact
+from dlo_sim.simulation.frequency import largest_frequency, with_grasps
 from dlo_sim.simulation.geometry import (
     NEAREST,
     Geometries,
@@ -1301,9 +1301,9 @@ class Simulator:
         given = place.copy()
         self._ends.take_frame_turns(self.cable.frame_turn)
         self._ends.put(place, 0.0)
-        self.cable.arrays.state.bristle[:] = 0.0
+        self.cable.forget_contact()
         self._watch.reset()
-        self._bends = {}
+        self._bends, self._overlaps, self._fell = {}, {}, None
         self.cable.put(place, speed, 0.0)
         if self._natural.follows:
             self._lay_natural_shape()
@@ -1484,11 +1484,11 @@ class Simulator:
     # -- arrays -----------------------------------------------------------------------------------
 
     def _largest_frequency(self) -> float:
-        """Of the cable as it begins, with what may touch it [rad/s]; 0 for implicit methods."""
+        """Of the cable as it begins, with what may hold it [rad/s]; 0 for implicit methods."""
         if is_implicit(self.scene):
             return 0.0
         frequency = largest_frequency(self.scene, self.cable)
-        return with_grasps_and_contact(self.scene, self.model, frequency)
+        return with_grasps(self.scene, self.model, frequency)
 
     def _fill_loads(self) -> None:
         """Loads of the scene in the inputs of the cable."""

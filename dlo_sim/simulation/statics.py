@@ -65,7 +65,7 @@ from dlo_sim.engine.arrays import (
     PLASTICITY,
     SPAN_STRETCH,
 )
-from dlo_sim.engine.contact import EARTH
+from dlo_sim.engine.contact import EARTH, STIFFNESS
 from dlo_sim.methods import rattle
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
@@ -347,9 +347,12 @@ class _FirstShape:
         None if it was not found.
         """
         cable, law = self._cable, self._cable.arrays.contact.law
-        stiff, law[:, 0] = law[:, 0].copy(), 0.0
-        found = self._follow_free(way)
-        law[:, 0] = stiff
+        stiff = law[:, STIFFNESS].copy()
+        law[:, STIFFNESS] = 0.0
+        try:
+            found = self._follow_free(way)
+        finally:
+            law[:, STIFFNESS] = stiff
         if not found:
             return None
         points = cable.points
@@ -624,7 +627,8 @@ class _Way:
         self.easy = self._easy()
         across, pull = np.cross(scene.gravity, direction), math.hypot(*scene.gravity)
         size = math.hypot(*across)
-        self.across = across / size if size > LEVEL * pull else None
+        level = len(axes) < 3 or size <= LEVEL * pull
+        self.across = None if level else across / size
 
     def begin_clear(self, origin: Array) -> None:
         """Begin with the straight cable above all obstacles, as low as that is possible."""
