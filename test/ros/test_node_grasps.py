@@ -16,6 +16,7 @@ from std_srvs.srv import Trigger
 BARE = {key: value for key, value in CABLE.items() if not key.startswith("loads.")}
 HAND = {
     "rate": 50,
+    "discretization.control_points": 9,
     "grasps.names": ["hand"],
     "grasps.hand.at": 0.6,
     "grasps.hand.pose_topic": "/hand_pose",
