@@ -152,7 +152,7 @@ MOST_SETBACKS = 5.0  # log2 of the longest wait [steps]
 SMALLEST_SHRINKING = 1e-3  # lower bound on the measured contraction
 MOST_STOPS = 8  # attempts to find which samples friction holds as they land
 SOFT = 1e-12  # share of the stiffness of joints in an impulse
-STOPPED = 1e-4  # energy of velocities after contact, in that of its pressure, left alone
+STOPPED = 1e-5  # energy of velocities after contact, in that of its pressure, left alone
 FORGETTING = 1.5  # growth of the remembered contraction per step that does not measure it
 
 

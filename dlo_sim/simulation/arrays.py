@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 # Pairs of segments that touch each other, for every segment, and of spans, for every span.
 PAIRS, NEAR = 12, 64
 MOST_SKYLINE = 1 << 20  # entries of the factors with couplings between distant control points
-COARSE = 3  # groups of samples of a block that touch planes, the last one at an end of the cable
+COARSE = 9  # groups of samples of a block that touch planes, the last one at an end of the cable
 
 
 def sizes_of(

@@ -143,7 +143,7 @@ class Cable:
                 if not same:
                     continue
                 held = resampled(*kept, group.pieces)
-                force = law * held[:, :3]
+                force = law * held[:, :3] * (group.law[k, contact.FRICTION] > 0.0)
                 np.asarray(state.bristle)[k] = force / group.law[k, contact.BRISTLE]
                 np.asarray(state.slides)[k] = held[:, 6:]
 

@@ -39,7 +39,9 @@ Pressure = tuple[Array, Array]
 between them."""
 UNTOUCHED: Pressure = np.zeros(1), np.zeros(1)
 ROUNDED = 1e-9  # diameters by which an obstacle yields that are round-off
-PLANE_SAMPLES = 2  # of a knot span, that planes touch
+PLANE_SAMPLES = (
+    8  # of a knot span, that planes touch: with 2, a cable pushed down bent into one between them
+)
 STRETCHED = 1.1  # lengths that a cable reaches
 PLACES = 101  # of the cable that are checked for being inside obstacles
 MOST_PIECES, MOST_IN_GUIDES = 4, 16  # groups of LANES samples of a knot span, that bodies touch
