@@ -307,9 +307,9 @@ class Contact:
             passes through.
         stiffness: Contact force per unit length and penetration depth; 0 = chosen for each
             obstacle: so that the weight on earth presses the cable in by a thousandth of its
-            diameter, usual tension round an edge or a body by a fiftieth, its tip gives way by a
-            fortieth of what the cable gives way along itself, and no throw at inputs.max_speed
-            goes through a body.
+            diameter, landing at 2 m/s by a fiftieth, usual tension round an edge or a body by a
+            fiftieth, its tip gives way by a fortieth of what the cable gives way along itself, and
+            no throw at inputs.max_speed goes through a body.
         restitution: Speed at which the cable leaves an obstacle that it hits, in the speed at which
             it came: 0 = it lies where it lands, 1 = it bounces without loss; the same at every
             step.

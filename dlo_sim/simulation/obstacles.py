@@ -39,9 +39,7 @@ Pressure = tuple[Array, Array]
 between them."""
 UNTOUCHED: Pressure = np.zeros(1), np.zeros(1)
 ROUNDED = 1e-9  # diameters by which an obstacle yields that are round-off
-PLANE_SAMPLES = (
-    8  # of a knot span, that planes touch: with 2, a cable pushed down bent into one between them
-)
+PLANE_SAMPLES = 8  # of a knot span: between 2, a cable that is pushed down bent into the plane
 STRETCHED = 1.1  # lengths that a cable reaches
 PLACES = 101  # of the cable that are checked for being inside obstacles
 MOST_PIECES, MOST_IN_GUIDES = 4, 16  # groups of LANES samples of a knot span, that bodies touch
@@ -678,7 +676,7 @@ def rule_of(knots: tuple[float, ...], pieces: int, radius: float) -> quadrature.
 
 
 def plane_rule(knots: Array) -> quadrature.Quadrature:
-    """`trapezoidal` rule of the samples that touch planes; the third one of a span counts in the
+    """`trapezoidal` rule of the samples that touch planes; the last one of a span counts in the
     last span only, whose end it is.
     """
     spans = len(knots) - 2 * bspline.DEGREE - 1
