@@ -105,9 +105,9 @@ class Cable:
         self._forget_history()
 
     def _touched(self) -> dict[Obstacle, tuple[Array, float, Samples]]:
-        """Motion of every obstacle, how deep it pressed, and its bristles and yielding."""
+        """Motion of every obstacle, how deep it pressed; bristles, yielding, impulses."""
         contact, state = self.arrays.contact, self.arrays.state
-        arrays = state.bristle, state.yielded, state.slides
+        arrays = state.bristle, state.yielded, state.slides, state.stopped
         held = np.concatenate([np.asarray(one) for one in arrays], axis=2)
         samples = [(one, contact.coarse, contact.pieces) for one in held]
         rows = zip(self.obstacles.copy(), state.deepest.copy(), samples, strict=True)
@@ -125,14 +125,16 @@ class Cable:
                     held = resampled(*kept, self.arrays.contact.pieces)
                     np.asarray(self.arrays.state.bristle)[k] = held[:, :3]
                     np.asarray(self.arrays.state.yielded)[k] = held[:, 3:6]
-                    np.asarray(self.arrays.state.slides)[k] = held[:, 6:]
+                    np.asarray(self.arrays.state.slides)[k] = held[:, 6:7]
                     self.account.yields = 1.0  # until a step has looked
 
     def take_over_contact(self, other: Cable) -> None:
-        """Go on with the friction that holds another cable on obstacles of the same names, if its
-        control points have the same knots, and with how deep they have pressed it.
+        """Go on with the friction that holds another cable on obstacles of the same names, and with
+        the impulses of its last step, if its control points have the same knots, and with how deep
+        they have pressed it.
         """
         same = np.array_equal(self.model.knots, other.model.knots)
+        in_line = same and self.model.axes == other.model.axes
         laws = other.arrays.contact.law[:, contact.BRISTLE]
         touched = zip(other._touched().items(), laws, strict=False)
         theirs = {obstacle.name: (*kept, law) for (obstacle, kept), law in touched}
@@ -145,7 +147,10 @@ class Cable:
                 held = resampled(*kept, group.pieces)
                 force = law * held[:, :3] * (group.law[k, contact.FRICTION] > 0.0)
                 np.asarray(state.bristle)[k] = force / group.law[k, contact.BRISTLE]
-                np.asarray(state.slides)[k] = held[:, 6:]
+                np.asarray(state.slides)[k] = held[:, 6:7]
+                if in_line:
+                    np.asarray(state.stopped)[k] = held[:, 7:]
+                    self.account.stopped = other.account.stopped
 
     def _set_pairs(self, pairs: Array, axes: Sequence[int]) -> None:
         """Set the pairs of segments and the bristles between them, which are by these axes."""
