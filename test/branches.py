@@ -86,7 +86,7 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
         grasps=sum(model.arrays.sizes["grasps"] for model in models),
         loads=sum(model.arrays.sizes["loads"] for model in models),
         obstacles=first.arrays.sizes["obstacles"],
-        pieces=first.arrays.contact.pieces,
+        pieces=first.arrays.contact.pieces + first.arrays.contact.guide_pieces,
         segments=first.arrays.sizes["segments"],
         constraints=0,
         field_values=first.arrays.sizes["field_values"],
@@ -147,10 +147,11 @@ def _fill_contact(arrays: CableArrays, models: Sequence[Model]) -> None:
     if not first.count:
         return
     for name in contact.fields:
-        if name not in ("first", "basis", "weight", "pairs"):
+        if name not in ("first", "basis", "weight", "pairs", "begin", "end"):
             setattr(contact, name, getattr(first, name))
     contact.coarse = COARSE * arrays.blocks
-    parts = [samples_by_span(model.knots, contact.pieces, contact.radius) for model in models]
+    pieces = contact.pieces, contact.guide_pieces
+    parts = [samples_by_span(model.knots, pieces, contact.radius) for model in models]
     write_samples(contact, *map(_with_voids, zip(*parts, strict=True)))
 
 

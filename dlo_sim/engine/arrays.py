@@ -192,7 +192,10 @@ class Contact(Group):
 
     count = Whole()  # obstacles
     coarse = Whole()  # groups of samples that touch half spaces, the first ones
-    pieces = Whole()  # groups of a span that touch bodies
+    pieces = Whole()  # groups of a span that touch bodies other than rings and channels
+    guide_pieces = Whole()  # groups of a span that touch rings and channels, the last ones
+    begin = Wholes("obstacles")  # first group that touches each obstacle
+    end = Wholes("obstacles")  # behind the last one
     first = Wholes("groups")  # column of the first control point, of the first lane
     basis = Lanes("groups", 4)  # basis functions
     slope = Lanes("groups", 4)  # their derivatives by the local coordinate

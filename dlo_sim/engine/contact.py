@@ -164,12 +164,10 @@ def see_all(cable):
     contact, state = cable.contact, cable.state
     state.balance.contact_margin = 0.0
     for o in range(contact.count):
-        flat = contact.core[o] == HALF_SPACE
-        first = 0 if flat else contact.coarse
-        count = (contact.coarse if flat else len(contact.first)) - first
+        count = contact.end[o] - contact.begin[o]
         state.near_count[o] = count
         for k in range(count):
-            state.near[o, k] = first + k
+            state.near[o, k] = contact.begin[o] + k
 
 
 @piece(void, int64, terms=CONTACT)
@@ -1170,7 +1168,7 @@ def find_near(cable, x, margin):
     for g in range(len(contact.first)):
         r, there = sample_at(cable, x, g), fabs(contact.weight[g])
         for o in range(contact.count):
-            if (contact.core[o] == HALF_SPACE) != (g < contact.coarse):
+            if g < contact.begin[o] or g >= contact.end[o]:
                 continue
             room = margin + contact.reach[o]
             room = room - core_distance(cable, o, to_body(state.pose[o], START, r))
@@ -1343,8 +1341,8 @@ def report(address, obstacle, out):
     """
     cable, values = cable_at(address), grid(out)
     contact, state, o = cable.contact, cable.state, obstacle
-    law, pose, flat = contact.law[o], state.pose[o], contact.core[o] == HALF_SPACE
-    for g in range(0 if flat else contact.coarse, contact.coarse if flat else len(contact.first)):
+    law, pose = contact.law[o], state.pose[o]
+    for g in range(contact.begin[o], contact.end[o]):
         measure(cable, o, g, ENDED, state.x)
         d, n, _, _ = measured(cable.work.measured[o, g, ENDED])
         gap, z = d - contact.reach[o], vector_of(state.bristle[o, g])

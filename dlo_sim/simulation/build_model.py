@@ -41,7 +41,7 @@ def build_model(
     rule = _quadrature(scene, knots)
     holding = holding_of(scene, geometries, knots, axes, twist)
     curved = "bend" in needs and ("plasticity" in needs or scene.cable.shaped)
-    pieces = pieces_of(scene) if "contact" in needs else 0
+    pieces = sum(pieces_of(scene)) if "contact" in needs else 0
     fields = fields_of(scene) if "contact" in needs else ()
     segments = self_contact.segments_of(scene, knots) if "self_contact" in needs else 0
     sizes = sizes_of(

@@ -34,7 +34,8 @@ from dlo_sim.simulation.arrays import from_blocks, resampled, to_blocks, without
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
-Samples = tuple[Array, int, int]  # values of the groups of samples, `Contact.coarse` and `pieces`
+# Values of the groups of samples, `Contact.coarse`, `pieces` and `guide_pieces`.
+Samples = tuple[Array, int, tuple[int, int]]
 TINY = 1e-300
 CREEP = 1e-6  # cable lengths per second; the account's floor is the energy of such a motion
 
@@ -109,7 +110,8 @@ class Cable:
         contact, state = self.arrays.contact, self.arrays.state
         arrays = state.bristle, state.yielded, state.slides, state.stopped
         held = np.concatenate([np.asarray(one) for one in arrays], axis=2)
-        samples = [(one, contact.coarse, contact.pieces) for one in held]
+        pieces = contact.pieces, contact.guide_pieces
+        samples = [(one, contact.coarse, pieces) for one in held]
         rows = zip(self.obstacles.copy(), state.deepest.copy(), samples, strict=True)
         return dict(zip(self.model.obstacles, rows, strict=False))
 
@@ -122,7 +124,8 @@ class Cable:
                 self.obstacles[k] = place
                 if obstacle in before:
                     self.obstacles[k], self.arrays.state.deepest[k], kept = before[obstacle]
-                    held = resampled(*kept, self.arrays.contact.pieces)
+                    group = self.arrays.contact
+                    held = resampled(*kept, (group.pieces, group.guide_pieces))
                     np.asarray(self.arrays.state.bristle)[k] = held[:, :3]
                     np.asarray(self.arrays.state.yielded)[k] = held[:, 3:6]
                     np.asarray(self.arrays.state.slides)[k] = held[:, 6:7]
@@ -144,7 +147,7 @@ class Cable:
                 _, state.deepest[k], kept, law = theirs[obstacle.name]
                 if not same:
                     continue
-                held = resampled(*kept, group.pieces)
+                held = resampled(*kept, (group.pieces, group.guide_pieces))
                 force = law * held[:, :3] * (group.law[k, contact.FRICTION] > 0.0)
                 np.asarray(state.bristle)[k] = force / group.law[k, contact.BRISTLE]
                 np.asarray(state.slides)[k] = held[:, 6:7]

@@ -388,12 +388,14 @@ def _samples(cable: Cable, number: int) -> tuple[Array, Array, Array, NDArray[np
     cable.call(contact.report, number, reported)
     numbers = np.arange(len(reported) * LANES).reshape(-1, LANES, 1)
     rows = np.concatenate([reported.reshape(-1, LANES, 4), numbers], axis=-1)
-    coarse, fine = by_span(rows, group.coarse, model.n - bspline.DEGREE)
+    begin, end, spans = group.begin[number], group.end[number], model.n - bspline.DEGREE
     flat = group.core[number] == contact.HALF_SPACE
-    rule = rule_of(tuple(model.knots.tolist()), 0 if flat else group.pieces, group.radius)
+    found = by_span(rows[begin:end], flat, spans)
+    pieces = 0 if flat else (end - begin) // spans
+    rule = rule_of(tuple(model.knots.tolist()), pieces, group.radius)
     there = rule.weights != 0.0
     u = rule.places(bspline.breaks(model.knots))[there]
-    found = (coarse if flat else fine)[there]
+    found = found[there]
     return u, rule.weights[there], found[:, :4], found[:, 4].astype(int)
 
 
@@ -484,8 +486,10 @@ def thin_warning(scene: Scene) -> str:
     if not scene.touches:
         return ""
     spans = scene.discretization.control_points - bspline.DEGREE
-    apart = scene.cable.length / (spans * LANES * max(pieces_of(scene), 1))
+    pieces, guide_pieces = pieces_of(scene)
     for obstacle in scene.bodies:
+        count = guide_pieces if obstacle.shape in GUIDES else pieces
+        apart = scene.cable.length / (spans * LANES * max(count, 1))
         _, half, reach = core_of(obstacle, 0.5 * scene.cable.diameter)
         if obstacle.shape != "plane" and apart > 2.0 * (min(half) + reach):
             needed = math.ceil(spans * apart / (2.0 * (min(half) + reach))) + bspline.DEGREE
@@ -606,33 +610,36 @@ def bend_radius(scene: Scene, obstacle: Obstacle) -> float:
     return radius
 
 
-def pieces_of(scene: Scene) -> int:
-    """Groups of LANES samples of a knot span that touch bodies; 0 without obstacles."""
+def pieces_of(scene: Scene) -> tuple[int, int]:
+    """Groups of LANES samples of a knot span that touch bodies, and those that touch rings and
+    channels; none without obstacles.
+    """
     if not scene.bodies:
-        return 0
+        return 0, 0
     span = scene.cable.length / (scene.discretization.control_points - bspline.DEGREE)
-    wanted = 1
+    wanted, in_guides = 1, 0
     for obstacle in scene.bodies:
         if obstacle.shape == "plane":
             continue
-        apart, most = APART, MOST_PIECES
-        if obstacle.shape in GUIDES:
-            apart, most = APART_IN_GUIDES, MOST_IN_GUIDES
         reach = core_of(obstacle, 0.5 * scene.cable.diameter).reach
-        wanted = max(wanted, min(math.ceil(span / (apart * LANES * reach)), most))
-    return wanted
+        if obstacle.shape in GUIDES:
+            closely = math.ceil(span / (APART_IN_GUIDES * LANES * reach))
+            in_guides = max(in_guides, min(closely, MOST_IN_GUIDES))
+        else:
+            wanted = max(wanted, min(math.ceil(span / (APART * LANES * reach)), MOST_PIECES))
+    return wanted, in_guides
 
 
 def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
     """Constants of the contact with the obstacles of a scene."""
     group, radius = arrays.contact, 0.5 * scene.cable.diameter
     group.count = len(group.core)
-    group.pieces, group.coarse = pieces_of(scene), COARSE * arrays.blocks
+    group.pieces, group.guide_pieces = pieces_of(scene)
+    group.coarse = COARSE * arrays.blocks
     group.still[:] = still
     group.density, group.restitution = scene.cable.mu, scene.contact.restitution
     group.least_margin = scene.cable.diameter
     group.radius = radius
-    write_samples(group, *samples_by_span(knots, group.pieces, radius))
     for k, obstacle in enumerate(scene.bodies[: group.count]):
         core = core_of(obstacle, radius)
         flat = core.kind == contact.HALF_SPACE
@@ -643,6 +650,7 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
             _fill_field(obstacle, radius, group, k)
         # The cable is never further from what it touches.
         group.extent[k] = 2.0 * scene.cable.length if flat else math.hypot(*core.half)
+    write_samples(group, *samples_by_span(knots, (group.pieces, group.guide_pieces), radius))
 
 
 def _fill_field(obstacle: Obstacle, radius: float, group: ContactArrays, number: int) -> None:
@@ -719,12 +727,15 @@ def trapezoidal(knots: Array, xi: Array, there: NDArray[np.bool_]) -> quadrature
     return quadrature.Quadrature(xi, weights)
 
 
-def samples_by_span(knots: Array, pieces: int, radius: float) -> tuple[Array, Array]:
+def samples_by_span(
+    knots: Array, pieces: tuple[int, int], radius: float
+) -> tuple[Array, Array, Array]:
     """Basis functions, weights, and derivatives of the basis functions by the local coordinate,
-    shape (spans, samples, 9), of samples that touch planes, and of those that touch bodies.
+    shape (spans, samples, 9), of samples that touch planes, of those that touch bodies, and of
+    those that touch rings and channels (`pieces_of`).
     """
-    rules = (rule_of(tuple(knots.tolist()), count, radius) for count in (0, pieces))
-    coarse, fine = (
+    rules = [rule_of(tuple(knots.tolist()), count, radius) for count in (0, *pieces)]
+    flat, bodies, guides = (
         np.concatenate(
             [
                 values_of_spans(knots, rule.xi),
@@ -735,33 +746,40 @@ def samples_by_span(knots: Array, pieces: int, radius: float) -> tuple[Array, Ar
         )
         for rule in rules
     )
-    return coarse, fine
+    return flat, bodies, guides[:, : LANES * pieces[1]]
 
 
-def write_samples(group: ContactArrays, coarse: Array, fine: Array) -> None:
-    """Write `samples_by_span` as groups."""
-    spans, blocks = len(fine), group.coarse // COARSE
-    flat = to_blocks(coarse).transpose(0, 1, 3, 2)  # block, sample, lane, value
-    bodies = fine.reshape(spans * group.pieces, LANES, 9)
-    values = np.concatenate([flat.reshape(-1, LANES, 9), bodies])
+def write_samples(group: ContactArrays, planes: Array, bodies: Array, guides: Array) -> None:
+    """Write `samples_by_span` as groups, and which of them touch each obstacle."""
+    spans, blocks = len(planes), group.coarse // COARSE
+    flat = to_blocks(planes).transpose(0, 1, 3, 2)  # block, sample, lane, value
+    begin_guides = group.coarse + spans * group.pieces
+    is_flat, is_guide = group.core == contact.HALF_SPACE, group.core == contact.TUBE
+    group.begin[:] = np.where(is_flat, 0, np.where(is_guide, begin_guides, group.coarse))
+    group.end[:] = np.where(is_guide, len(group.first), begin_guides)
+    group.end[is_flat] = group.coarse
+    fine = np.concatenate([one.reshape(-1, LANES, 9) for one in (bodies, guides)])
+    values = np.concatenate([flat.reshape(-1, LANES, 9), fine])
     group.basis[:] = values[..., :4].swapaxes(1, 2)
     group.weight[:] = values[..., 4]
     group.slope[:] = values[..., 5:].swapaxes(1, 2)
-    firsts = np.repeat(LANES * np.arange(blocks), COARSE), np.repeat(np.arange(spans), group.pieces)
+    by_piece = (np.repeat(np.arange(spans), k) for k in (group.pieces, group.guide_pieces))
+    firsts = np.repeat(LANES * np.arange(blocks), COARSE), *by_piece
     group.first[:] = MARGIN + np.concatenate(firsts)
     one, other = np.triu_indices(bspline.ACTIVE)
-    pairs = np.zeros((*bodies.shape[:2], 2 * LANES))
-    pairs[..., : len(one)] = bodies[..., one] * bodies[..., other]
-    group.pairs[:] = pairs.reshape(*bodies.shape[:2], 2, LANES)
+    pairs = np.zeros((*fine.shape[:2], 2 * LANES))
+    pairs[..., : len(one)] = fine[..., one] * fine[..., other]
+    group.pairs[:] = pairs.reshape(*fine.shape[:2], 2, LANES)
 
 
-def by_span(groups: Array, coarse: int, spans: int) -> tuple[Array, Array]:
-    """Values of groups of samples, shape (groups, LANES, k), by span: of those that touch planes,
-    and of those that touch bodies.
+def by_span(groups: Array, flat: bool, spans: int) -> Array:
+    """Values of the groups of samples that touch one obstacle, shape (groups, LANES, k), by span.
+    flat: whether it is a plane.
     """
-    flat = groups[:coarse].reshape(-1, COARSE, LANES, groups.shape[-1]).swapaxes(1, 2)
-    flat = flat.reshape(-1, COARSE, groups.shape[-1])[:spans]
-    return flat, groups[coarse:].reshape(spans, -1, groups.shape[-1])
+    if not flat:
+        return groups.reshape(spans, -1, groups.shape[-1])
+    groups = groups.reshape(-1, COARSE, LANES, groups.shape[-1]).swapaxes(1, 2)
+    return groups.reshape(-1, COARSE, groups.shape[-1])[:spans]
 
 
 def values_of_spans(knots: Array, xi: Array, order: int = 0) -> Array:
