@@ -41,7 +41,8 @@ def build_model(
     rule = _quadrature(scene, knots)
     holding = holding_of(scene, geometries, knots, axes, twist)
     curved = "bend" in needs and ("plasticity" in needs or scene.cable.shaped)
-    pieces = sum(pieces_of(scene)) if "contact" in needs else 0
+    bodies, guides = pieces_of(scene) if "contact" in needs else (0, 0)
+    pieces = bodies + guides
     fields = fields_of(scene) if "contact" in needs else ()
     segments = self_contact.segments_of(scene, knots) if "self_contact" in needs else 0
     sizes = sizes_of(
@@ -70,7 +71,7 @@ def build_model(
     rest[list(axes)] = 0.0
     bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
     origin = np.zeros(3) if origin is None else origin
-    room = max(pieces, obstacles.MOST_PIECES) if scene.contact.markers else pieces
+    room = guides + (obstacles.MOST_PIECES if scene.contact.markers else bodies)
     most = most_sizes(scene, n, rule.xi.shape[1], room, segments)
     stiffness = scene.cable.EA, bending
     places = dict(zip(scene.bodies, obstacles.at_rest(scene, origin), strict=True))
