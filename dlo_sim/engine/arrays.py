@@ -86,8 +86,9 @@ class Mesh(Group):
     slope = Lanes("blocks")  # d xi / du = 2 / h [1/m]
     share = Lanes("blocks")  # 1 / h [1/m]
     linear = Lanes("blocks")  # 3 where the strain of a span has a linear part, else 0
-    axial = Lanes("blocks")  # EA [N]
+    axial = Lanes("blocks")  # EA [N], of a cable of constant length the penalty factor
     bending = Lanes("blocks")  # EI [N m^2]
+    guard = Lanes("blocks", 2)  # h EA_g k and h EA_g k_c of `engine.span_guard` [N m]
     xi = Lanes("blocks", "samples")  # local coordinate, -1 to 1
     weight = Lanes("blocks", "samples")  # of the quadrature [m]
     branch = Wholes("n")  # of each control point
@@ -101,6 +102,7 @@ class Physics(Group):
     yield_moment = Number()  # [N m]
     hardening = Number()  # H / EI
     shortest_span = Number()  # [m]
+    keeps_length = Number()  # 1 for a cable of constant length (`engine.tension`)
     axial_round_off = Number()  # EA L [N m], 0 without stretching
     bending_round_off = Number()  # EI L [N m^3], 0 without bending
     drag_across = Number()  # c_n - c_t, normal minus tangential drag of air [N s/m^2]
@@ -254,6 +256,9 @@ class State(Group):
     reaction = Reals("rigid")  # mean force over the last step
     reaction_before = Reals("rigid")  # over the step before
     rates_before = Reals("rigid")  # target rates of the last velocity correction (`rattle`)
+    # Strains of a step that the tangent takes, mean and linear part, predicted to first order.
+    tension = Lanes("blocks", 2)
+    tension = Lanes("blocks", "samples")  # over EA, as last predicted (`engine.tension`)
     anchor = Reals("springs")  # target of each spring
     anchor_counted = Reals("springs")  # targets up to which the account has the work
     slide = Reals("slides")  # material coordinate that it holds [m], or `sliding.LOST`
@@ -375,12 +380,17 @@ class Work(Group):
     residual = Reals("padded")  # all unknowns, from PADDING on
     unbalanced = Reals("unknowns")  # right-hand side of the last correction
     step = Reals("unknowns")  # a correction in world coordinates
+    nudge = Reals("lines", "columns")  # the same by line
+    nudge = Reals("lines", "columns")  # the same by line
     corrections = Reals(MOST_CORRECTIONS, "unknowns")  # with the present matrix
     correction_scale = Reals(MOST_CORRECTIONS)  # 1 / |s|^2 of each
     factors = Lanes("samples", 49)  # of the Jacobian of a block (`engine.elastic`)
     force_moments = Lanes(4, 3)  # for the projected strain: 1, xi, xi^2, xi^3 by direction
     strain_moments = Lanes(4, 3)
     flow_moments = Lanes(4, 3)
+    tension_before = Lanes("blocks", 2)  # before the last correction
+    tension_before = Lanes("blocks", "samples")  # the last correction
+    tension_start = Lanes("blocks", "samples")  # the step
     guard = Lanes(25)  # gradient of the span guard on a block, and factors of its Jacobian
     pairs = Reals(9, 16, "columns")  # entries between two control points, one of each span
     pair_sums = Reals(7, groups.LANES)

@@ -23,7 +23,8 @@ momentum and angular momentum are conserved too (Simo & Tarnow 1992; Gonzalez 19
 quadrature point). Viscosity is evaluated at the midpoint.
 
 The Jacobian is exact, with respect to the new configuration, except that the dependence of the
-viscous forces on the geometry is left out. For equal configurations it is half the Hessian of the
+viscous forces on the geometry is left out, and that its tension is the one that `engine.tension`
+predicted. For equal configurations it is half the Hessian of the
 energy. It is a band matrix over all spatial unknowns (`engine.arrays`).
 
 Source of the projection: assumed natural strains, Bucalem & Bathe 1993, Int. J. Numer. Meth. Eng.
@@ -75,6 +76,7 @@ from dlo_sim.engine.spans import (
     store_three,
     tangent_at,
 )
+from dlo_sim.engine.tension import strain_rates
 from dlo_sim.terms import bend, stretch, viscosity
 from dlo_sim.terms.vectors import combined, cross, dot
 
@@ -147,6 +149,7 @@ def elastic_force(cable, x, out):
     stretches = 1.0 if terms & ANY_STRETCH else 0.0
     sampled = 1.0 if terms & STRETCH else 0.0
     bends = 1.0 if terms & BEND else 0.0
+    tension, kept = cable.state.tension, cable.physics.keeps_length
     for b in range(cable.blocks):
         s = mesh.slope[b]
         axial, bending = stretches * mesh.axial[b], bends * s * s * mesh.bending[b]
@@ -162,7 +165,8 @@ def elastic_force(cable, x, out):
             xi, w = mesh.xi[b, j], mesh.weight[b, j]
             c, d, h = invariants_at(inner, xi)
             inverse = 1.0 / c
-            stretched = sampled * c + (mean + xi * linear) * sqrt(c)
+            strain = mean + xi * linear + kept * tension[b, j]
+            stretched = sampled * c + strain * sqrt(c)
             on_c, on_d, on_h = bend.gradient(w * bending, d, h, inverse)
             on_c += stretch.gradient(w * axial, stretched, inverse)
             g = add_invariants(g, on_c, on_d, on_h, xi)
@@ -182,20 +186,6 @@ def mean(a, b):
     return combined(0.5, a, 0.5, b)
 
 
-@part
-def span_rates(mesh, b, p, q, moved):
-    """m and l of the strain increment in a motion `moved`, at the midpoint of p and q."""
-    average, slope, share = zero(), zero(), mesh.share[b]
-    for j in range(mesh.xi.shape[1]):
-        xi = mesh.xi[b, j]
-        t = mean(tangent_at(p, xi), tangent_at(q, xi))
-        f = share * mesh.weight[b, j]
-        f = f * dot(t, tangent_at(moved, xi)) / sqrt(dot(t, t))
-        average += f
-        slope += xi * f
-    return average, slope
-
-
 @piece(float64, CABLE, LINES, LINES, LINES, float64, LINES)
 def discrete_force(cable, x0, x1, moved, viscous, out):
     """out -= discrete gradient between x0 and x1, and viscous forces for the strain rates
@@ -206,6 +196,7 @@ def discrete_force(cable, x0, x1, moved, viscous, out):
     mesh, terms = cable.mesh, cable.terms
     thinning = viscous * viscous * cable.physics.thinning
     beta_stretch, beta_bend = cable.physics.beta_stretch, cable.physics.beta_bend
+    tension, kept = cable.state.tension, cable.physics.keeps_length
     taken = zero()
     for b in range(cable.blocks):
         axial, bending, s = mesh.axial[b], mesh.bending[b], mesh.slope[b]
@@ -220,7 +211,7 @@ def discrete_force(cable, x0, x1, moved, viscous, out):
             f = mesh.linear[b]
             strain, linear = 0.5 * (m0 + m1), 0.5 * f * (l0 + l1)
             if viscous != 0.0:
-                rate, rate_linear = span_rates(mesh, b, p, q, r)
+                rate, rate_linear = strain_rates(mesh, b, p, q, r)
                 rate_linear = f * rate_linear
         g0 = g1 = g2 = (zero(), zero(), zero())
         before, after = products(p), products(q)
@@ -239,7 +230,7 @@ def discrete_force(cable, x0, x1, moved, viscous, out):
                 projected = 0.5 * (stretch.strain(c0) + stretch.strain(c1))
                 on_c += stretch.discrete_gradient(axial, sqrt(c0), sqrt(c1), projected)
             if terms & SPAN_STRETCH:
-                projected = strain + xi * linear
+                projected = strain + xi * linear + kept * tension[b, j]
                 on_c += stretch.discrete_gradient(axial, sqrt(c0), sqrt(c1), projected)
             if terms & BEND:
                 more = bend.discrete_gradient(
@@ -318,14 +309,10 @@ def factor_samples(cable, b, p, q, viscous):
     mesh, terms, work = cable.mesh, cable.terms, cable.work
     f = work.factors
     axial, bending, s = mesh.axial[b], mesh.bending[b], mesh.slope[b]
+    tension = cable.state.tension
     thinning = viscous * viscous * cable.physics.thinning
     beta_stretch, beta_bend = cable.physics.beta_stretch, cable.physics.beta_bend
-    strain, linear = zero(), zero()
     if terms & SPAN_STRETCH:
-        m0, l0 = span_strains(mesh, b, p)
-        m1, l1 = span_strains(mesh, b, q)
-        strain = 0.5 * (m0 + m1)
-        linear = 0.5 * mesh.linear[b] * (l0 + l1)
         for power in range(4):
             for i in range(3):
                 work.force_moments[power, i] = 0.0
@@ -340,15 +327,13 @@ def factor_samples(cable, b, p, q, viscous):
         on_c, on_d, on_h = zero(), zero(), zero()
         cc, cd, ch, dc, dd, hc = zero(), zero(), zero(), zero(), zero(), zero()
         t, k = mean(ta, tb), mean(ka, kb)
-        if terms & STRETCH:
-            projected = 0.5 * (stretch.strain(c0) + stretch.strain(c1))
-            on_c += stretch.discrete_gradient(axial, s0, s1, projected)
-            fixed, changed = stretch.discrete_jacobian(axial, s0, s1, projected)
-            cc += fixed + changed
+        if terms & ANY_STRETCH:
+            on_c += stretch.discrete_gradient(axial, s0, s1, tension[b, j])
+            fixed, changed = stretch.discrete_jacobian(axial, s0, s1, tension[b, j])
+            cc += fixed
+            if terms & STRETCH:
+                cc += changed
         if terms & SPAN_STRETCH:
-            projected = strain + xi * linear
-            on_c += stretch.discrete_gradient(axial, s0, s1, projected)
-            cc += stretch.discrete_jacobian(axial, s0, s1, projected)[0]
             both = combined(1.0, ta, 1.0, tb)
             add_moments(work.force_moments, w / (s0 + s1), both, xi)
             add_moments(work.strain_moments, w / s1, tb, xi)

@@ -6,7 +6,7 @@ falls to almost nothing beside places where it is a multiple of 1. And under vio
 with any stretching energy, the tangent can pass through zero and a span turn over, at a clamp for
 ever. The guard, of fourth order in the strain,
 
-    U = EA/2 (k max(v - v0, 0)^2 + k_c sum max(c0 - c, 0)^2),
+    U = EA_g/2 (k max(v - v0, 0)^2 + k_c sum max(c0 - c, 0)^2),
 
 bounds v, the variance of the local strain over the span (by span only), and c = |r'|^2 at both ends
 and in the middle of the span. It is exactly zero for v < v0 and |r'| > 0.5: for an even extension
@@ -29,14 +29,20 @@ more than 1.05 times what it did. A smaller v0 makes more cables too stiff in be
 along itself. The second part holds off a span the more the shorter it gets: turning it over takes
 k_c c0^2 = 6 times the energy of compressing it to nothing.
 
+EA_g is EA, but at most so much that no bending and no motion under gravity comes near the bounds
+(`guard_stiffness`): the wall of an all but inextensible cable would be so stiff that Newton's
+method takes many iterations wherever a span runs into it.
+
 It is evaluated once per span, and only where `may_act` does not exclude it on all spans of a block.
 """
 
 from __future__ import annotations
 
+import numpy as np
+
 from dlo_sim.compiling.lanes import any_above, fabs, zero
 from dlo_sim.compiling.pieces import part
-from dlo_sim.engine.arrays import GUARDED, SPAN_STRETCH
+from dlo_sim.engine.arrays import GUARDED
 from dlo_sim.terms import one_sided
 
 STRENGTH = 100.0  # k
@@ -44,6 +50,8 @@ EVEN = 0.01  # v0: a standard deviation of the strain of 10 %
 NARROW = 0.2  # 2 sqrt(v0)
 LENGTH_STRENGTH = 100.0  # k_c
 LEAST = 0.25  # c0
+# Most of EA_g, in EI / h^2 of a span h and in the weight of the cable.
+MOST_BENT, MOST_PULLED = 1e6, 1e4
 WEIGHTS = 1.0 / 12.0, 1.0 / 45.0, 1.0 / 175.0, 16.0 / 11025.0  # of n1^2 .. n4^2 in v
 CUBIC, QUARTIC = 0.6, 6.0 / 7.0
 # Half the second derivatives of n1 .. n4 and of c at the start, middle and end of a span, with
@@ -57,6 +65,25 @@ FORMS = (
     (1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     (1.0, 1.0, 1.0, 1.0, 1.0, 1.0),
 )
+
+
+def guard_stiffness(axial, bending, lengths, weight, by_span):
+    """h EA_g k and h EA_g k_c [N m] of spans of these lengths h [m], shape (spans, 2).
+
+    Args:
+        axial, bending: EA [N] and EI [N m^2]. weight: of the cable on earth [N]. by_span: whether
+            stretching counts by span.
+    """
+    most = MOST_BENT * bending / lengths**2 + MOST_PULLED * weight
+    guarding = lengths * np.minimum(axial, most)
+    return np.stack([STRENGTH * by_span * guarding, LENGTH_STRENGTH * guarding], axis=1)
+
+
+@part
+def stiffness_on(cable, b):
+    """`guard_stiffness` of a block; the second is 0 for a cable without the term GUARDED."""
+    short = 1.0 if cable.terms & GUARDED else 0.0
+    return cable.mesh.guard[b, 0], short * cable.mesh.guard[b, 1]
 
 
 @part
@@ -76,19 +103,6 @@ def products_gradient(on_v, n, on_c):
         odd + (CUBIC * f1 + f3),
         even + (QUARTIC * f2 + f4),
     )
-
-
-@part
-def guard_stiffness(cable, b):
-    """h EA k and h EA k_c of every span of a block; 0 on lanes beyond the last and where
-    the term is not active.
-    """
-    mesh = cable.mesh
-    length = (1.0 - mesh.padding[b]) / (mesh.share[b] + mesh.padding[b])
-    axial = length * mesh.axial[b]
-    uneven = STRENGTH if cable.terms & SPAN_STRETCH else 0.0
-    short = LENGTH_STRENGTH if cable.terms & GUARDED else 0.0
-    return uneven * axial, short * axial
 
 
 @part
@@ -120,7 +134,7 @@ def guard_gradient(cable, b, inner):
     """Gradient of the guard in the form of `elastic.add_invariants`, from `elastic.products`."""
     if may_act(inner):
         n, room, lengths = gaps_of(inner)
-        uneven, short = guard_stiffness(cable, b)
+        uneven, short = stiffness_on(cable, b)
         on_c = (
             short * one_sided.depth(lengths[0]),
             short * one_sided.depth(lengths[1]),
@@ -137,7 +151,7 @@ def discrete_guard_gradient(cable, b, before, after):
     """
     n0, room0, lengths0 = gaps_of(before)
     n1, room1, lengths1 = gaps_of(after)
-    uneven, short = guard_stiffness(cable, b)
+    uneven, short = stiffness_on(cable, b)
     on_v = -0.5 * one_sided.discrete_gradient(uneven, room0, room1)
     on_c = (
         one_sided.discrete_gradient(short, lengths0[0], lengths1[0]),
@@ -161,7 +175,7 @@ def guard_jacobian(cable, b, before, after):
         Factors of the products of the gradients of each of `FORMS`, and two matrices, in
         the form of `elastic.add_invariants`, whose product is that of the gradients of v.
     """
-    uneven, short = guard_stiffness(cable, b)
+    uneven, short = stiffness_on(cable, b)
     n0, room0, lengths0 = gaps_of(before)
     n1, room1, lengths1 = gaps_of(after)
     on_v = -2.0 * one_sided.discrete_gradient(uneven, room0, room1)
@@ -182,7 +196,7 @@ def guard_jacobian(cable, b, before, after):
 @part
 def guard_energy(cable, b, inner):
     """Energy of the guard on every span of a block [J]."""
-    uneven, short = guard_stiffness(cable, b)
+    uneven, short = stiffness_on(cable, b)
     _, room, lengths = gaps_of(inner)
     ends = one_sided.energy(short, lengths[0]) + one_sided.energy(short, lengths[2])
     return one_sided.energy(uneven, room) + (ends + one_sided.energy(short, lengths[1]))

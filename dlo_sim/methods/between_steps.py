@@ -61,6 +61,7 @@ from dlo_sim.engine.rows import (
 from dlo_sim.engine.sampling import velocities
 from dlo_sim.engine.sliding import jump_slides, slide_tangent
 from dlo_sim.engine.springs import move_anchors
+from dlo_sim.engine.tension import predict_tension, take_tension
 from dlo_sim.methods.works import NATURAL, evaluate, turn_natural_shape
 
 
@@ -164,17 +165,28 @@ def follow_shape(address):
     bishop.follow_shape(cable_at(address))
 
 
-@piece(void, int64)
-def stiffness(address):
-    """`work.band` = Hessian of the potential energy with respect to the spatial lines."""
+@piece(void, int64, boolean)
+def stiffness(address, predicted):
+    """`work.band` = Hessian of the potential energy with respect to the spatial lines, if
+    `predicted` with the tension that `predict` left instead of that of the present shape.
+    """
     cable = cable_at(address)
     band, x = cable.work.band, cable.state.x
+    if not predicted:
+        take_tension(cable, x, x)
     clear_band(band)
     discrete_jacobian(cable, x, x, 0.0, 2.0, band)
     if cable.terms & CONTACT:
         contact.add_tangent(cable, NO, x, x, 2.0, band)
     add_springs(cable, 1.0, band)
     slide_tangent(cable, NO, x, x, 2.0, band)
+
+
+@piece(void, int64, ARRAY_2D)
+def predict(address, moved):
+    """`tension.predict_tension` for a motion in lines that comes next."""
+    cable = cable_at(address)
+    predict_tension(cable, cable.state.x, cable.state.x, grid(moved))
 
 
 @piece(void, int64)

@@ -123,9 +123,19 @@ from dlo_sim.engine.springs import (
     roll_loss,
     spring_force,
 )
+from dlo_sim.engine.tension import (
+    copy_tension,
+    may_stretch,
+    predict_tension,
+    shorten_tension,
+    take_tension,
+    unpredicted,
+)
 from dlo_sim.methods.twist_step import end_twist, step_twist, twist_matrix
 
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
+MAX_SMOOTH = 20  # the same without contact and twist
+HOPELESS = 8  # iterations after which corrections there must be smaller than the first
 MAX_HALVINGS = 12
 WHOLE, HALVED = (
     5,
@@ -274,6 +284,8 @@ def begin_step(cable, t0, tau):
     copy_entries(state.direction, work.old_direction)
     copy_entries(state.direction, work.middle_direction)
     copy_entries(state.inverse, work.old_inverse)
+    if cable.physics.keeps_length != 0.0:
+        copy_tension(state.tension, work.tension_start)
     if moves:
         add_velocity_of_held(cable, state.x, t0, work.start_v)
     predict(cable, tau)
@@ -306,6 +318,8 @@ def undo_step(cable):
     copy(work.start, state.x)
     copy_entries(work.old_direction, state.direction)
     copy_entries(work.old_inverse, state.inverse)
+    if cable.physics.keeps_length != 0.0:
+        copy_tension(work.tension_start, state.tension)
     restore_anchors(cable)
     settle_slides(cable, START, END)
     if cable.terms & CONTACT:
@@ -471,29 +485,44 @@ def dot(padded, s):
 
 
 @part
-def add_correction(cable, number, share):
-    """x and `change` += share times correction `number`."""
+def to_lines(cable, number):
+    """`nudge` = correction `number`, in world coordinates by line."""
     work, dim = cable.work, cable.dim
     step, correction = work.step, work.corrections[number]
     for r in range(len(step)):
-        step[r] = share * correction[r]
+        step[r] = correction[r]
     turn_vector(cable, cable.state.direction, NO, step, 0)
     for d in range(dim):
         for i in range(cable.n):
-            cable.state.x[d, MARGIN + i] += step[i * dim + d]
-            work.change[d, MARGIN + i] += step[i * dim + d]
+            work.nudge[d, MARGIN + i] = step[i * dim + d]
 
 
 @part
-def correct(cable, known):
-    """Solve for the next correction by Broyden's method and add it to x and `change`.
+def move(cable, share):
+    """x and `change` += this share of `nudge`."""
+    add(share, cable.work.nudge, cable.state.x)
+    add(share, cable.work.nudge, cable.work.change)
+
+
+@part
+def shorten(cable, number, before, share):
+    """Leave this share of correction `number`, of which x and the tension contain `before`."""
+    to_lines(cable, number)
+    move(cable, share - before)
+    shorten_tension(cable, share / before)
+
+
+@part
+def correct(cable, known, discrete, allowed):
+    """Solve for the next correction by Broyden's method, predict the tension that it causes, unless
+    it cannot matter (`tension.may_stretch`), and add it to x and `change`.
 
     With z = K^-1 r of the present residual r and the `known` corrections s_j since K was
     factorised, z += s_(j+1) (s_j.z) / |s_j|^2 for all but the last, then
     s = z / (1 - s_last.z / |s_last|^2) (Kelley 1995, section 7.3).
 
     Returns sum |r_i s_i|, r.s, the energy error sum |r_i change_i| [J] before this correction,
-    and the largest entry of s.
+    the largest entry of s, and whether the tension was predicted.
     """
     state, work, dim = cable.state, cable.work, cable.dim
     size = cable.n * dim
@@ -518,7 +547,12 @@ def correct(cable, known):
         slope += s * unbalanced[r]
         largest_entry = max(largest_entry, abs(s))
     work.correction_scale[known] = 1.0 / max(dot(z, corrections[known]), SMALLEST)
-    add_correction(cable, known, 1.0)
+    to_lines(cable, known)
+    stretched = may_stretch(cable, largest_entry, allowed) or cable.physics.keeps_length != 0.0
+    if stretched:
+        begin, end = (work.start, state.x) if discrete else (work.middle, work.middle)
+        predict_tension(cable, begin, end, work.nudge)
+    move(cable, 1.0)
     step, defect = work.step, 0.0
     for d in range(dim):
         for i in range(cable.n):
@@ -526,7 +560,7 @@ def correct(cable, known):
     turn_vector(cable, state.direction, YES, step, 0)
     for r in range(size):
         defect += abs(step[r] * unbalanced[r])
-    return energy, slope, defect, largest_entry
+    return energy, slope, defect, largest_entry, stretched
 
 
 @part
@@ -862,17 +896,23 @@ def try_step(cable, method, t0, tau, whole, level):
     coupled = cable.terms & (BISHOP | SLIDING) != 0
     room = SPARE * ROOM if cable.terms & CONTACT else ROOM
     lossy = cable.terms & (CONTACT | DAMPED) == CONTACT | DAMPED
+    # Contact changes its mind, and twist and friction follow the shape: only without them does the
+    # iteration converge quadratically, or not at all.
+    smooth = cable.terms & (CONTACT | SELF | BISHOP) == 0
+    most = MAX_SMOOTH if smooth else MAX_ITERATIONS
     converged = False
     iterations = 0
     previous = np.inf
     linearize = not may_keep(cable, a)
+    stretched = False  # whether the last correction may have stretched the cable
+    stiff = False  # whether a correction stretched the cable more than Broyden's may
     work.results.coupled, work.results.twist_open = IN_STATE, 0.0
     made = 0  # iteration in which the matrix was factorised, 0: in an earlier step
     slope = 0.0  # residual . correction before the last correction
     share = 1.0  # of the last correction that x contains
     stalls = 0  # successive stalled corrections
     known = np.int64(0)  # corrections since the matrix was factorised
-    lost, floor = 0.0, 0.0
+    lost, floor, allowed, first = 0.0, 0.0, 0.0, 0.0
     touched = 0.0  # what touched at the last forces
     # Share of the flow at the configuration at which the forces of the step are evaluated.
     balance.slip = 0.5 if discrete else 1.0
@@ -880,7 +920,7 @@ def try_step(cable, method, t0, tau, whole, level):
         lost = step_force(cable, t0, tau, discrete)
         lost += step_twist(cable, t0, tau, discrete, iterations == 0)
         inertia = set_residual(cable, a, b)
-        if converged or iterations == MAX_ITERATIONS:
+        if converged or iterations == most:
             break
         iterations += 1
         # Where a correction changes what touches or slides, the residual along it says nothing: a
@@ -889,30 +929,48 @@ def try_step(cable, method, t0, tau, whole, level):
         changed = known > 0 and work.results.touched != touched and iterations <= HALVED
         if changed and iterations > WHOLE and share == 1.0:
             share = 0.5
-            add_correction(cable, known - 1, -share)
+            shorten(cable, known - 1, 1.0, share)
             linearize = True
             continue
         linearize = linearize or changed
-        if known > 0 and not changed:
+        if known > 0:
             along = dot(work.residual, work.corrections[known - 1])
-            if not abs(along) <= GROWTH * abs(slope) and share > SMALLEST_SHARE:
-                # Overshoot: shorten the last correction and continue with a new matrix. Where what
-                # sticks to an obstacle slips, one of Broyden's may point the wrong way: it is
-                # undone. (Not where strands touch: undoing let a thin knot come undone.)
+            if stretched:
+                to_lines(cable, known - 1)
+                begin, end = (work.start, cable.state.x) if discrete else (work.middle, work.middle)
+                energy, extra = unpredicted(cable, begin, end, work.nudge)
+                # A matrix that was made before the cable turned stretches it.
+                stiff = stiff or energy > allowed
+                linearize = linearize or stiff
+                along += extra
+            overshot = not smooth and not changed and not abs(along) <= GROWTH * abs(slope)
+            if overshot and share > SMALLEST_SHARE:
+                # Shorten the last correction and continue with a new matrix. Where what sticks to
+                # an obstacle slips, one of Broyden's may point the wrong way: it is undone. (Not
+                # where strands touch: undoing let a thin knot come undone.)
                 touches = cable.terms & (CONTACT | SELF) == CONTACT
                 wrong = touches and known > 1 and slope < 0.0
                 less = 0.0 if wrong else share * shortened(abs(slope), along)
-                add_correction(cable, known - 1, less - share)
+                shorten(cable, known - 1, share, less)
                 share = less
                 linearize = True
                 continue
         if linearize or known == MOST_CORRECTIONS:
+            if iterations == 1:  # the tension of the last step
+                before = cable.state.history[1] if balance.known > 0.0 else work.start
+                take_tension(cable, before, work.start)
+            elif not stretched:
+                begin, end = (work.start, cable.state.x) if discrete else (work.middle, work.middle)
+                take_tension(cable, begin, end)
             if not newton_matrix(cable, t0, tau, a, discrete):
                 break
             known, made = np.int64(0), iterations
-        energy, slope, defect, moved = correct(cable, known)
+        allowed = allowed_error(balance, tolerance, inertia, room)
+        energy, slope, defect, moved, stretched = correct(cable, known, discrete, allowed)
         known += 1
-        if not energy < 1e300:
+        first = moved if iterations == 1 else first
+        hopeless = smooth and iterations >= HOPELESS and moved > first
+        if not energy < 1e300 or hopeless:
             break
         stalls = stalls + 1 if energy > STALLED * previous else 0
         # The correction is expected to reduce the energy error by the factor `shrinking`.
@@ -928,7 +986,6 @@ def try_step(cable, method, t0, tau, whole, level):
         if cable.terms & CONTACT and iterations > TRUSTING:
             shrinking = 1.0  # what contracts only now may do so by touching something else
         exhausted = moved <= ROUND_OFF * reach or (stalls > 1 and moved <= NOISE * reach)
-        allowed = allowed_error(balance, tolerance, inertia, room)
         converged = exhausted or min(SAFETY * shrinking, 1.0) * defect <= allowed
         if converged and cable.terms & CONTACT:
             after = contact.look(cable, work.start, cable.state.x, work.rate)

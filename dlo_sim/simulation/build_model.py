@@ -11,6 +11,8 @@ from dlo_sim.core import bspline, mass, quadrature
 from dlo_sim.core.constant_length import constraint_gram
 from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays
+from dlo_sim.engine.contact import EARTH
+from dlo_sim.engine.span_guard import guard_stiffness
 from dlo_sim.scene.description import TERMS, Scene
 from dlo_sim.scene.needs import Needs, inextensible
 from dlo_sim.simulation import obstacles, self_contact
@@ -73,7 +75,11 @@ def build_model(
     origin = np.zeros(3) if origin is None else origin
     room = guides + (obstacles.MOST_PIECES if scene.contact.markers else bodies)
     most = most_sizes(scene, n, rule.xi.shape[1], room, segments)
-    stiffness = scene.cable.EA, bending
+    weight = scene.cable.mu * EARTH * scene.cable.length
+    axial = scene.cable.EA
+    if inextensible(scene):  # the penalty factor of `engine.tension`
+        axial = max(axial, PENALTY * (weight + scene.cable.EI / scene.cable.length**2))
+    stiffness = axial, bending
     places = dict(zip(scene.bodies, obstacles.at_rest(scene, origin), strict=True))
     lines = axes, twist, holding
     model = Model(arrays, most, knots, rule, *lines, *stiffness, rest, origin, places, fields)
@@ -113,6 +119,7 @@ def fill_rows(model: Model, values: Array, shifts: Array) -> None:
 STATIC, FREE_STATIC = 1e-24, 1e-9
 WATER_PARTS = 8, 32  # of a span where the water has a surface, fewest and most
 SELECTIVE = 3e-3  # of mu h^6 integral b''' b'''
+PENALTY = 1e6  # on the strain of a cable of constant length, in its weight and EI / L^2
 
 
 def _terms(scene: Scene, needs: Needs, curved: bool, holding: Holding) -> int:
@@ -251,7 +258,11 @@ class _Filling:
         mesh.slope[:] = to_blocks(slope, beyond=slope[0])
         mesh.share[:] = to_blocks(1.0 / lengths)
         mesh.linear[:] = to_blocks(linear)
-        mesh.axial[:] = cable.EA
+        mesh.axial[:] = model.axial_stiffness
+        weight = cable.mu * EARTH * cable.length
+        stiffness = model.axial_stiffness, model.bending_stiffness
+        by_span = self._scene.discretization.stretch_by_span
+        mesh.guard[:] = to_blocks(guard_stiffness(*stiffness, lengths, weight, by_span))
         mesh.bending[:] = to_blocks(model.bending_stiffness, beyond=cable.EI)
         mesh.xi[:] = to_blocks(model.rule.xi)
         mesh.weight[:] = to_blocks(model.rule.weights)

@@ -588,15 +588,26 @@ class Cable:
         self.call(between_steps.held_force, t, lines, held)
         return held
 
-    def stiffness(self) -> Array:
+    def stiffness(self, predicted: bool = False) -> Array:
         """Hessian of the potential energy with respect to the spatial lines, as a band matrix.
+
+        Args:
+            predicted: with the tension of `predict_tension` instead of that of the present shape.
 
         Returns:
             A view of the working memory, shape (n dim, width); entry (r, c) is at
             [r, c - r + 4 dim - 1].
         """
-        self.call(between_steps.stiffness)
+        self.call(between_steps.stiffness, predicted)
         return self.band
+
+    def predict_tension(self, change: Array) -> None:
+        """Predict the tension for a change of the spatial lines, shape (dim, n), that comes next
+        (`engine.tension`).
+        """
+        moved = np.zeros_like(self.x)
+        moved[: len(self.model.axes)] = 2.0 * change[: len(self.model.axes)]
+        self.call(between_steps.predict, self.padded(moved))
 
     @property
     def band(self) -> Array:

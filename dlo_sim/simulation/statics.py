@@ -63,7 +63,6 @@ from dlo_sim.engine.arrays import (
     GRAVITY,
     MATERIAL,
     PLASTICITY,
-    SPAN_STRETCH,
 )
 from dlo_sim.engine.contact import EARTH, STIFFNESS
 from dlo_sim.methods import rattle
@@ -889,19 +888,6 @@ class _Search:
         self._torsional = float(cable.arrays.physics.GJ)
         self._dim = len(model.axes)
         self._length = float(model.knots[-1])
-        self._spans = np.arange(model.n - bspline.DEGREE)[:, None] + np.arange(bspline.ACTIVE)
-        spans = np.diff(bspline.breaks(model.knots))[:, None]
-        self._xi, self._shares = model.rule.xi, model.rule.weights / spans
-        derivative = bspline.span_polynomials(model.knots)[:, :, 1:] * np.array([1.0, 2.0, 3.0])
-        derivative *= (2.0 / spans)[..., None]
-        powers = self._xi[..., None] ** np.arange(3)
-        self._slopes = np.einsum("skp,sjp->sjk", derivative, powers)  # r' = slopes points
-        self._dyads = np.einsum("sja,sjb->sjab", self._slopes, self._slopes)
-        self._by_span = model.has(SPAN_STRETCH)
-        self._linear = np.zeros((len(spans), 1))
-        self._linear[[0, -1]] = 3.0
-        axial = model.axial_stiffness if model.has(ANY_STRETCH) else 0.0
-        self._half_stiffness = 0.5 * axial * model.rule.weights
         self.patient = 0.0
 
     def first_step(self) -> float:
@@ -925,12 +911,11 @@ class _Search:
         dim = self._dim
         x, state = self._cable.x, self._cable.state.copy()
         before, sum_ = x[:dim].copy(), np.zeros_like(x)
-        tangents = self._tangents()
-        stress = lead = self._stress(tangents)
         for iteration in range(1, MAX_ITERATIONS + 1):
-            change = self._correction(sum_, pseudo, lead - stress)
+            change = self._correction(sum_, pseudo, iteration > 1)
             if change is None:
                 break
+            self._cable.predict_tension(change)
             x[: len(change)] += change
             sum_[: len(change)] += change
             sum_[:dim] = x[:dim] - before
@@ -938,9 +923,6 @@ class _Search:
             if not moved < 1e3:
                 break
             self._follow()
-            before_it, tangents = tangents, self._tangents()
-            lead = stress + self._predicted(before_it, tangents - before_it)
-            stress = self._stress(tangents)
             if largest <= self._converged * moved or largest < self._exact:
                 return iteration, moved
         # The frames, too, which may hold no numbers where the correction was far too large.
@@ -972,48 +954,21 @@ class _Search:
         """
         if self._cable.model.has(MATERIAL) and not self._twist:
             return True
-        nothing = np.zeros(self._dyads.shape[:2])
         still = np.zeros_like(self._cable.x)
-        return self._correction(still, pseudo or STEADY * self.patient, nothing) is not None
+        return self._correction(still, pseudo or STEADY * self.patient) is not None
 
-    def _tangents(self) -> Array:
-        """r' at the samples of every span, shape (spans, samples, dim)."""
-        return np.einsum("sjk,dsk->sjd", self._slopes, self._cable.x[: self._dim][:, self._spans])
-
-    def _stress(self, tangents: Array) -> Array:
-        """Half the tension over |r'|, w EA/2 eps / |r'|, at every sample, shape (spans, samples):
-        the derivative of the energy by r' . r'.
-        """
-        size = np.sqrt(np.einsum("sjd,sjd->sj", tangents, tangents))
-        return self._half_stiffness * self._counted(size - 1.0) / size
-
-    def _predicted(self, tangents: Array, moved: Array) -> Array:
-        """Change of the stress with that of the tangents, to first order."""
-        size = np.sqrt(np.einsum("sjd,sjd->sj", tangents, tangents))
-        strained = np.einsum("sjd,sjd->sj", tangents, moved) / size
-        change = self._counted(strained) - self._counted(size - 1.0) * strained / size
-        return self._half_stiffness * change / size
-
-    def _counted(self, strain: Array) -> Array:
-        """The strain that counts at the samples: itself or its projection of `span_stretch`."""
-        if not self._by_span:
-            return strain
-        mean = (self._shares * strain).sum(axis=1, keepdims=True)
-        slope = (self._shares * self._xi * strain).sum(axis=1, keepdims=True)
-        return np.asarray(mean + self._linear * self._xi * slope)
-
-    def _correction(self, moved: Array, pseudo: float, extra: Array) -> Array | None:
+    def _correction(self, moved: Array, pseudo: float, predicted: bool = False) -> Array | None:
         """Newton correction, of the spatial lines (dim, n), or with twist of all; None where it
         leads uphill.
 
         Args:
             moved: in this step so far, shape (lines, n); of the twist, against the material.
+            predicted: whether the tension is the one that the last correction predicted.
         """
         cable, dim = self._cable, self._dim
         n = cable.model.n
-        force, band = cable.forces(), self._elastic_stiffness()
+        force, band = cable.forces(), self._elastic_stiffness(predicted)
         half = 4 * dim - 1
-        blocks = 2.0 * np.einsum("sj,sjab->sab", extra, self._dyads)
         inertia = cable.model.mass(0)
         resisted = moved[:dim] / pseudo
         if self._guide.size:
@@ -1023,9 +978,6 @@ class _Search:
         unknowns = (force[:dim].T - resisted).ravel()
         # Row i dim + d of the matrix belongs to coordinate d of control point i.
         by_point = band.reshape(n, dim, -1)
-        for i in range(4):
-            for k in range(4):
-                by_point[i : i + n - 3, :, half + (k - i) * dim] += blocks[:, i, k, None]
         metric = np.eye(dim) / pseudo + (self._guide if self._guide.size else 0.0)
         for a, b in zip(*np.nonzero(metric), strict=True):
             for k in range(4):
@@ -1039,18 +991,18 @@ class _Search:
             return None
         return unknowns.reshape(n, dim).T
 
-    def _elastic_stiffness(self) -> Array:
+    def _elastic_stiffness(self, predicted: bool) -> Array:
         """The band matrix of the spatial lines; with twist, without what `_coupling` has."""
         cable = self._cable
         if not self._twist:
-            band = cable.stiffness()
+            band = cable.stiffness(predicted)
             if cable.loads.size and cable.loads[:, 3:6].any():
                 cable.add_moment_stiffness()
             return band
         state = cable.arrays.state
         kept = state.natural.copy(), state.plastic.copy()
         state.natural[:] = state.plastic[:] = 0.0
-        band = cable.stiffness()
+        band = cable.stiffness(predicted)
         state.natural[:], state.plastic[:] = kept
         return band
 

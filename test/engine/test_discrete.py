@@ -13,6 +13,7 @@ from dlo_sim.core import spectrum
 from dlo_sim.engine.arrays import CURVED, SPAN_STRETCH, cable_at
 from dlo_sim.engine.assembly import discrete_gradient, discrete_jacobian
 from dlo_sim.engine.band import clear_band
+from dlo_sim.engine.tension import take_tension
 
 LOOSE = {"end.spring": [0.0, 0.0, 0.0], "end.pose_topic": "", "damping.stiffness": 1.0}
 ELASTIC = FULL | FLAT | LOOSE
@@ -30,6 +31,7 @@ def forces_between(address, x0, x1, moved, viscous, out):
 def tangent_between(address, x0, x1, viscous):
     cable = cable_at(address)
     clear_band(cable.work.band)
+    take_tension(cable, grid(x0), grid(x1))
     discrete_jacobian(cable, grid(x0), grid(x1), viscous, 1.0, cable.work.band)
 
 
