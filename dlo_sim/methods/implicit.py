@@ -898,8 +898,11 @@ def try_step(cable, method, t0, tau, whole, level):
     lossy = cable.terms & (CONTACT | DAMPED) == CONTACT | DAMPED
     # Contact changes its mind, and twist and friction follow the shape: only without them does the
     # iteration converge quadratically, or not at all.
+    # A cable that is stretched by far is not stiff along itself: a tension predicted to first order
+    # is then worse than that of the shape.
+    mixed = level < CAREFUL_HALVINGS or cable.physics.keeps_length != 0.0
     smooth = cable.terms & (CONTACT | SELF | BISHOP) == 0
-    most = MAX_SMOOTH if smooth else MAX_ITERATIONS
+    most = MAX_SMOOTH if smooth and level == 0 else MAX_ITERATIONS
     converged = False
     iterations = 0
     previous = np.inf
@@ -943,7 +946,8 @@ def try_step(cable, method, t0, tau, whole, level):
                 stiff = stiff or energy > allowed
                 linearize = linearize or stiff
                 along += extra
-            overshot = not smooth and not changed and not abs(along) <= GROWTH * abs(slope)
+            careful = not smooth or level > 0
+            overshot = careful and not changed and not abs(along) <= GROWTH * abs(slope)
             if overshot and share > SMALLEST_SHARE:
                 # Shorten the last correction and continue with a new matrix. Where what sticks to
                 # an obstacle slips, one of Broyden's may point the wrong way: it is undone. (Not
@@ -956,7 +960,7 @@ def try_step(cable, method, t0, tau, whole, level):
                 linearize = True
                 continue
         if linearize or known == MOST_CORRECTIONS:
-            if iterations == 1:  # the tension of the last step
+            if iterations == 1 and mixed:  # the tension of the last step
                 before = cable.state.history[1] if balance.known > 0.0 else work.start
                 take_tension(cable, before, work.start)
             elif not stretched:
@@ -967,9 +971,10 @@ def try_step(cable, method, t0, tau, whole, level):
             known, made = np.int64(0), iterations
         allowed = allowed_error(balance, tolerance, inertia, room)
         energy, slope, defect, moved, stretched = correct(cable, known, discrete, allowed)
+        stretched = stretched and mixed
         known += 1
         first = moved if iterations == 1 else first
-        hopeless = smooth and iterations >= HOPELESS and moved > first
+        hopeless = smooth and level == 0 and iterations >= HOPELESS and moved > first
         if not energy < 1e300 or hopeless:
             break
         stalls = stalls + 1 if energy > STALLED * previous else 0
