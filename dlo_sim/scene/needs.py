@@ -133,6 +133,7 @@ def needs_of(scene: Scene) -> Needs:
         if name == "stretch" and inextensible(scene):
             how = "terms.stretch is off" if setting == "off" else "integrator.method: rattle"
             reasons[name] = f"constraints keep the rest length ({how})"
+            present.add(name)
         elif setting == "off":
             reasons[name] = f"terms.{name} is off"
             warnings += [_warning(term, scene)] * needed
@@ -203,12 +204,11 @@ def check_terms(scene: Scene, needs: Needs) -> None:
 
 
 def inextensible(scene: Scene) -> bool:
-    """Whether constraints keep the length: method rattle, or method auto with stretching switched
-    off and nothing in the scene that excludes constraints.
+    """Whether the cable keeps its length: stretching is switched off, the method is implicit, and
+    the ends do not pull the cable taut.
     """
-    if scene.integrator.method == "auto":
-        return scene.terms.stretch == "off" and not _without_constraint(scene)
-    return scene.integrator.method == "rattle"
+    implicit = scene.integrator.method in ("auto", *IMPLICIT_METHODS)
+    return scene.terms.stretch == "off" and implicit and not _taut(scene)
 
 
 def _without_constraint(scene: Scene) -> str:

@@ -64,7 +64,7 @@ def build_model(
         obstacles=len(scene.bodies) * ("contact" in needs),
         pieces=pieces,
         segments=segments,
-        constraints=n - 1 if inextensible(scene) else 0,
+        constraints=0,
         field_values=sum(field.values.size for field in fields),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
@@ -216,8 +216,7 @@ class _Filling:
             shifts[rows] = model.mass_solutions(values[rows], twist)
         fill_rows(model, values, shifts)
         self._slides()
-        if inextensible(scene):
-            self._arrays.length_gram[:] = constraint_gram(model.knots).reshape(-1, 16)
+        self._arrays.physics.keeps_length = float(inextensible(scene))
         self._loads()
         self._numbers()
         if "contact" in self._needs:

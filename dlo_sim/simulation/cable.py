@@ -239,6 +239,11 @@ class Cable:
         self.arrays.terms &= ~bits
         self.arrays.pack_anew()
 
+    def keep_length(self, flag: bool) -> None:
+        """Whether the cable keeps its length from now on (`engine.tension`)."""
+        self.arrays.physics.keeps_length = float(flag)
+        self.arrays.pack_anew()
+
     # -- views ----------------------------------------------------------------------------------
 
     @property
@@ -600,6 +605,12 @@ class Cable:
         """
         self.call(between_steps.stiffness, predicted)
         return self.band
+
+    def take_tension(self, at_rest: bool) -> None:
+        """Set the tension to that of the strain of the present shape, unless `at_rest` to zero."""
+        self.arrays.state.tension[:] = 0.0
+        if at_rest:
+            self.call(between_steps.stiffness, False)
 
     def predict_tension(self, change: Array) -> None:
         """Predict the tension for a change of the spatial lines, shape (dim, n), that comes next

@@ -33,7 +33,7 @@ def largest_frequency(scene: Scene, cable: Cable) -> float:
     """
     model = cable.model
     dim = len(model.axes)
-    constrained = inextensible(scene)
+    constrained = False
     is_dense = constrained or dim * model.n <= DENSE_LIMIT
     value = _dense(cable, constrained) if is_dense else _lanczos(cable)
     if model.twist and not model.has(STATIC_TWIST):

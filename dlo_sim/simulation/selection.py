@@ -227,8 +227,6 @@ def _automatic(scene: Scene) -> tuple[str, str]:
     spans are compressed, their bending becomes stiffer, and even steps of 0.15 times that limit
     gain energy: of 26 soft cables that swung for 10 s, 16 diverged at 0.9 times the limit.
     """
-    if inextensible(scene):
-        return "rattle", "terms.stretch is off: constraints keep the length"
     asked = restrictions_of(scene)
     second, fourth = METHODS["energy_momentum"], METHODS["energy_momentum_4"]
     for one in asked:

@@ -114,7 +114,7 @@ STEADY = 1e5  # pseudo-time of the stiffness that must be positive at rest, in `
 CONVERGED, EXACT = 1e-4, 1e-12  # last correction: share of that of the step, or of the length
 LOOSE = 1e-2  # the former with twist
 
-INEXTENSIBLE = 1e-7, 40_000  # tolerance and most steps of the dynamic relaxation
+PROJECTING = 1e-4  # of the first step, in which a cable only comes to its length
 RESTS = 3  # stops in a row within the tolerance
 FREQUENCY = 6  # row of a load, after force and moment
 
@@ -167,6 +167,8 @@ class _FirstShape:
     def place(self, near: Array | None, continues: bool) -> bool:
         """See the function `place`."""
         scene, cable = self._scene, self._cable
+        keeps_length = bool(cable.arrays.physics.keeps_length)
+        cable.keep_length(False)
         points = np.zeros((cable.model.n, 4))
         points[:, :3] = first_shape(scene, self._geometries, cable.model.knots)
         backwards = leaves_clamp_backwards(points, self._ends)
@@ -181,14 +183,13 @@ class _FirstShape:
         cable.put(points, np.zeros_like(points), 0.0)
         self._align()
         if continues:
+            cable.keep_length(keeps_length)
             return True
         if resting and scene.terms.twist == "frenet":
             raise SceneError(
                 "initial.shape: no equilibrium is available with terms.twist frenet; use straight"
             )
-        if inextensible(scene):
-            self._place_inextensible(resting)
-        elif near is not None and searched and self._rests_near():
+        if near is not None and searched and self._rests_near():
             self._twist()
         elif resting:
             self._find()
@@ -196,6 +197,8 @@ class _FirstShape:
             # An arc that is folded at a clamp would stay so, but no other shape was found.
             cable.put(points, np.zeros_like(points), 0.0)
             self._align()
+        if keeps_length and not self._keep_length(resting):
+            raise SceneError(_cause(scene, cable))
         points = cable.points
         wrong = self._inside(points[:, :3])
         if wrong:
@@ -241,46 +244,19 @@ class _FirstShape:
                 stacklevel=2,
             )
 
-    def _place_inextensible(self, resting: bool) -> None:
-        """Bring a cable of constant length to that length, and with `resting` into equilibrium."""
-        scene, cable = self._scene, self._cable
-        if resting:
-            self._relax_elastic_twin()
-        if not cable.call(rattle.to_rest_length):
-            apart = math.dist(cable.points[-1, :3], cable.points[0, :3])
-            raise SceneError(
-                "integrator.method: rattle keeps the cable at its length, "
-                f"{scene.cable.length:.6g} m, which does not fit between its ends, {apart:.6g} m "
-                "apart; move the ends or use energy_momentum and terms.stretch auto"
-            )
-        if resting:
-            step = min(0.5 / max(largest_frequency(scene, cable), 1e-3), 5e-3)
-            if not self._relax_in_time(step):
-                raise SceneError(_cause(scene, cable))
-        self._align()
-
-    def _relax_elastic_twin(self) -> None:
-        """Take over the equilibrium with the true axial stiffness, which is close to that of the
-        inextensible cable.
+    def _keep_length(self, resting: bool) -> bool:
+        """Whether a cable of constant length came to that length, with `resting` to rest there, from
+        the present shape of an elastic one whose EA is the penalty factor of `engine.tension`.
         """
         cable = self._cable
-        elastic = self._scene.with_values(
-            {"integrator.method": "energy_momentum", "terms.stretch": "auto"}
-        )
-        origin = cable.model.origin
-        twin = Cable(build_model(elastic, needs_of(elastic), self._geometries, origin))
-        twin.inputs[:] = cable.inputs
-        twin.point_grasps(0.0)
-        if twin.anchors.size:
-            twin.anchors[:] = cable.anchors
-        points = cable.points
-        twin.put(points, np.zeros_like(points))
-        if twin.model.has(CURVED):
-            twin.natural = cable.natural
-        relax(twin)
-        relax_twist(twin)
-        cable.x[:] = twin.x
-        cable.open_frame()
+        cable.take_tension(at_rest=resting)
+        cable.keep_length(True)
+        if resting:
+            return self._rests(1.0)
+        search = _Search(cable)
+        done = search.step(PROJECTING * search.first_step())[0] > 0
+        cable.take_tension(at_rest=False)
+        return done
 
     @property
     def _is_held(self) -> bool:
