@@ -484,8 +484,6 @@ class Method(Group):
     matrix = Reals("stages", "stages")  # Runge-Kutta methods: a_ij
     weights = Reals("stages")  # b_j
     nodes = Reals("stages")  # c_i
-    psi = Number()  # Zhai's method
-    phi = Number()
     substeps = Reals("stages")  # implicit methods: lengths in units of the step
     conserves_energy = Whole()  # whether the elastic forces are minus the discrete gradient
     tolerance = Number()  # of the energy, relative to that exchanged so far

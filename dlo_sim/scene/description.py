@@ -29,6 +29,7 @@ from dlo_sim.scene.parameter import (
     with_parameters,
 )
 from dlo_sim.scene.refusal import SceneError, brief, refusal, shown
+from dlo_sim.scene.retired import without_retired
 
 EARTH = 9.81  # [m/s^2]
 ORIGIN = (0.0, 0.0, 0.0)
@@ -629,9 +630,7 @@ class Discretization:
             the mean stretch of each knot span (span; needs gauss and 5 control points), which
             avoids membrane locking of thin cables with few control points. Auto: span with gauss
             and 9 control points or more, else sample.
-        mass: Mass matrix: consistent (banded), lumped (diagonal, less accurate), or selective:
-            consistent, with added mass for motion that the spline does not resolve, which allows
-            explicit steps about twice as long.
+        mass: Mass matrix: consistent (banded), or lumped (diagonal, less accurate).
         knots: Knot spans of equal length (uniform), or shorter ones near clamped ends: by
             `discretization.grading` (graded; with gauss), or where a cable bends sharply there and
             nothing speaks against it (auto).
@@ -644,7 +643,7 @@ class Discretization:
     quadrature: str = parameter("gauss", choices=("gauss", "uniform"))
     samples: int = parameter(3, "", (1, 100_000))
     stretch: str = parameter("auto", choices=("auto", "sample", "span"))
-    mass: str = parameter("consistent", choices=("consistent", "lumped", "selective"))
+    mass: str = parameter("consistent", choices=("consistent", "lumped"))
     knots: str = parameter("auto", choices=("auto", "uniform", "graded"))
     grading: tuple[float, float, float] = parameter((0.0, 0.0, 1.0), "", (0.0, 1e3))
 
@@ -709,8 +708,6 @@ class Integrator:
     Parameters:
         method: Time integration method; see `dlo_sim methods`.
         step: Time step tau, at least 1e-9; 0 = chosen from the scene and accuracy.target.
-        zhai_psi: Parameter psi of Zhai's method; the pair 0.5, 0.5 has the largest stable step.
-        zhai_phi: Parameter phi of Zhai's method; only 0.5 is second order.
         tolerance: Energy balance error allowed in one step of an implicit method, as a fraction of
             the energy exchanged; the error of the whole run stays within ten times this value.
         on_failure: If a step fails: hold the last good state until ~/reset, or stop the node.
@@ -718,8 +715,6 @@ class Integrator:
 
     method: str = parameter("auto")
     step: float = parameter(0.0, "s", (0.0, 1.0))
-    zhai_psi: float = parameter(0.5, "", (0.0, 1.0))
-    zhai_phi: float = parameter(0.5, "", (0.0, 1.0))
     tolerance: float = parameter(1.0e-6, "", (1.0e-15, 1.0e-2))
     on_failure: str = parameter("hold", choices=("hold", "stop"))
 
@@ -1417,11 +1412,11 @@ def scene_from_values(values: Mapping[str, object]) -> Scene:
     Raises:
         SceneError: unknown key, wrong type, out of range, or an inconsistent scene.
     """
-    given = mapping("values", values)
+    given = without_retired(mapping("values", values))
     names = [_names(group, given) for group in _NAMED]
     known = {row.key: row for row in scene_parameters(*names)}
     checked: dict[str, Any] = {}
-    for key, value in values.items():
+    for key, value in given.items():
         if not isinstance(key, str):
             raise SceneError(f"{brief(key)}: a key must be a string; give one like 'cable.length'")
         if key in known:

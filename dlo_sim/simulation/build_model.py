@@ -112,7 +112,6 @@ def fill_rows(model: Model, values: Array, shifts: Array) -> None:
 # inverted without: too little to matter in the energy account; more where nothing holds the roll.
 STATIC, FREE_STATIC = 1e-24, 1e-9
 WATER_PARTS = 8, 32  # of a span where the water has a surface, fewest and most
-SELECTIVE = 3e-3  # of mu h^6 integral b''' b'''
 
 
 def _terms(scene: Scene, needs: Needs, curved: bool, holding: Holding) -> int:
@@ -173,10 +172,6 @@ class _Filling:
         gram = mass.gram(model.knots)
         if scene.discretization.mass == "lumped":
             gram = mass.lumped(gram)
-        if scene.discretization.mass == "selective":
-            # Selective mass scaling: the third derivative is what a span knows least of.
-            lengths = np.diff(bspline.breaks(model.knots))
-            gram = gram + SELECTIVE * mass.gram(model.knots, 3, scale=lengths**6)
         space = scene.cable.mu * gram
         space[0, 0] += scene.start.mass
         space[0, -1] += scene.end.mass

@@ -194,13 +194,6 @@ def test_zhai_with_one_half_walks_in_the_steps_of_verlet() -> None:
     assert np.abs(tracks[0][1] - tracks[1][1]).max() > 1e-6  # its velocities are others
 
 
-def test_zhai_parameters_of_the_scene_are_used() -> None:
-    other = Simulator(scene(integrator__method="zhai", integrator__zhai_psi=0.6))
-    assert other.choice.limit < Simulator(scene(integrator__method="zhai")).choice.limit
-    with pytest.raises(SceneError, match="integrator.zhai_phi: no step is stable"):
-        Simulator(scene(integrator__method="zhai", integrator__zhai_psi=0.2))
-
-
 def test_force_evaluations_per_step() -> None:
     for method in EXPLICIT:
         simulator = Simulator(scene(integrator__method=method))
