@@ -666,9 +666,9 @@ class Terms:
         twist: Torsional energy and twist angle theta. bishop: in a rotation-minimising frame, so
             that twist and shape act on each other, and friction of obstacles rolls the cable;
             quasistatic: as bishop, without rotary inertia about the axis, and without rolling;
-            auto: quasistatic where the roll is held or turned, with explicit methods or friction
-            bishop; on: twist rate theta', which does not affect the shape; frenet: relative
-            to the torsion of the centerline.
+            frenet: relative to the torsion of the centerline, with explicit methods; auto:
+            quasistatic where the roll is held or turned, with friction bishop, off with explicit
+            methods.
         gravity: Weight.
         damping: All damping.
         plasticity: Plastic bending.
@@ -680,7 +680,7 @@ class Terms:
 
     stretch: str = parameter("auto", choices=SWITCH)
     bend: str = parameter("auto", choices=SWITCH)
-    twist: str = parameter("auto", choices=("auto", "on", "off", "bishop", "frenet", "quasistatic"))
+    twist: str = parameter("auto", choices=("auto", "off", "bishop", "quasistatic", "frenet"))
     gravity: str = parameter("auto", choices=SWITCH)
     damping: str = parameter("auto", choices=SWITCH)
     plasticity: str = parameter("auto", choices=SWITCH)
@@ -1244,6 +1244,7 @@ IMPLICIT_METHODS = ("auto", *IMPLICIT)  # values with which steps may be implici
 FORWARD = ("energy_momentum", "implicit_midpoint")  # implicit, without negative sub-steps
 LOSSY = (*FORWARD, *EXPLICIT)
 SINGLE = (*FORWARD, "velocity_verlet", "rk4", "zhai", "rattle")
+NOT_EXPLICIT = (*IMPLICIT, "rattle")
 
 
 @dataclass(frozen=True)
@@ -1252,7 +1253,8 @@ class Restriction:
 
     Attributes:
         methods: the methods that can.
-        key, value: the parameter by which a scene asks for it; 0 or "" if it does not.
+        key: the parameter by which a scene asks for it.
+        value: its value; 0 or "" if the scene does not ask for it.
         off: the value with which every method will do.
         why: why other methods cannot, if that is not plain, to go on behind the value.
     """
@@ -1292,41 +1294,63 @@ def _of_damping(
     return value
 
 
+def _on(scene: Scene) -> str:
+    return "on" if scene.contact.self == "on" else ""
+
+
+def _touching(scene: Scene) -> str:
+    return f"{scene.terms.contact} ({scene.touched})" if scene.touches else ""
+
+
+def _sliding(scene: Scene) -> str:
+    return next((f"of grasp {one.name}" for one in scene.grasps if one.slides), "")
+
+
+def _grasping(scene: Scene) -> str:
+    return ", ".join(grasp.name for grasp in scene.grasps)
+
+
+def _rolled(scene: Scene) -> float:
+    return max(end.roll_spring for end in scene.ends.values())
+
+
+def _shaped(scene: Scene) -> str:
+    """The natural shape, as curvatures and twist rate along the cable."""
+    return " ".join(shown(one) for one in scene.cable.natural_shape if any(one))
+
+
+def _turned_drag(scene: Scene) -> str:
+    return f"{scene.damping.air_drag_ratio:g}" if scene.drag_across else ""
+
+
+def _measured(scene: Scene) -> str:
+    return "" if scene.measured.type == "none" else scene.measured.type
+
+
 _GROWING = ", since its negative sub-steps make damping grow"
+_POINT_MASS = " beside a point mass (start.mass, end.mass)"
 RESTRICTIONS = (
-    Restriction(EXPLICIT, "terms.twist", _of_twist("frenet"), off="auto"),
-    Restriction(IMPLICIT, "terms.twist", _of_twist("quasistatic"), off="bishop"),
-    Restriction(
-        FORWARD,
-        "contact.self",
-        lambda scene: "on" if scene.contact.self == "on" else "",
-        off="off",
-    ),
-    *(
-        Restriction(FORWARD, f"damping.{name}", _of_damping(name))
-        for name in ("stiffness", "stretch", "bend", "twist")
-    ),
+    Restriction(EXPLICIT, "terms.twist", _of_twist("frenet"), "auto"),
+    Restriction(IMPLICIT, "terms.twist", _of_twist("quasistatic"), "auto"),
+    Restriction(NOT_EXPLICIT, "terms.twist", _of_twist("bishop"), "off"),
+    Restriction(FORWARD, "contact.self", _on, "off"),
+    Restriction(FORWARD, "damping.stiffness", _of_damping("stiffness")),
+    Restriction(FORWARD, "damping.stretch", _of_damping("stretch")),
+    Restriction(FORWARD, "damping.bend", _of_damping("bend")),
+    Restriction(FORWARD, "damping.twist", _of_damping("twist")),
     Restriction(
         ("energy_momentum",),
         "damping.thinning",
         _of_damping("thinning", if_also=lambda scene: scene.damping.internal[1]),
     ),
-    Restriction(
-        IMPLICIT,
-        "damping.air_drag_ratio",
-        lambda scene: f"{scene.damping.air_drag_ratio:g}" if scene.drag_across else "",
-        off="1.0",
-    ),
-    Restriction(
-        IMPLICIT,
-        "water.density",
-        lambda scene: scene.water.density if any(scene.water_drag) else 0.0,
-    ),
+    Restriction(IMPLICIT, "damping.air_drag_ratio", _turned_drag, "1.0"),
+    Restriction(IMPLICIT, "water.density", lambda scene: scene.water.density),
+    Restriction(NOT_EXPLICIT, "hose.pressure", lambda scene: scene.hose.pressure),
     Restriction(
         IMPLICIT,
         "damping.air_drag",
         _of_damping("air_drag", if_also=lambda scene: scene.start.mass or scene.end.mass),
-        why=" beside a point mass (start.mass, end.mass)",
+        why=_POINT_MASS,
     ),
     Restriction(SINGLE, "damping.mass", _of_damping("mass"), why=_GROWING),
     Restriction(SINGLE, "damping.air_drag", _of_damping("air_drag"), why=_GROWING),
@@ -1335,27 +1359,14 @@ RESTRICTIONS = (
         "plasticity.yield_curvature",
         lambda scene: scene.plasticity.yield_curvature if scene.is_plastic else 0.0,
     ),
+    Restriction(FORWARD, "terms.contact", _touching, "off", ", since its steps cannot land"),
     Restriction(
-        FORWARD,
-        "terms.contact",
-        lambda scene: f"{scene.terms.contact} ({scene.touched})" if scene.touches else "",
-        off="off",
-        why=", since its steps cannot land",
+        FORWARD, "slides", _sliding, "false", ", since its steps cannot let the cable slide"
     ),
-    Restriction(
-        FORWARD,
-        "slides",
-        lambda scene: next((f"of grasp {one.name}" for one in scene.grasps if one.slides), ""),
-        off="false",
-        why=", since its steps cannot let the cable slide",
-    ),
-    Restriction(
-        (*IMPLICIT, *EXPLICIT),
-        "measured.type",
-        lambda scene: "" if scene.measured.type == "none" else scene.measured.type,
-        off="none",
-        why=", since corrections break its constraints",
-    ),
+    Restriction(NOT_EXPLICIT, "grasps.names", _grasping, "[]"),
+    Restriction(NOT_EXPLICIT, "roll_spring", _rolled),
+    Restriction(NOT_EXPLICIT, "cable.rest_curvature", _shaped, "[0.0]"),
+    Restriction(IMPLICIT, "measured.type", _measured, "none"),
 )
 
 

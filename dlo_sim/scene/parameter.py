@@ -216,7 +216,7 @@ def _check_element(row: Parameter, value: object, key: str) -> float | int | boo
 
 
 def _check_text(row: Parameter, value: object, key: str) -> str:
-    if isinstance(value, bool) and {"on", "off"} <= set(row.choices):
+    if isinstance(value, bool) and "off" in row.choices:
         # YAML 1.1 readers, ROS among them, read an unquoted on/off as a boolean.
         value = "on" if value else "off"
     if not isinstance(value, str):

@@ -9,6 +9,7 @@ RETIRED: dict[str | tuple[str, str], tuple[str, str | None]] = {
     "integrator.zhai_psi": (f"{IGNORED}: zhai has psi = phi = 0.5, of the largest step", None),
     "integrator.zhai_phi": (f"{IGNORED}: zhai has psi = phi = 0.5, of the largest step", None),
     ("discretization.mass", "selective"): (f"{IGNORED}: the mass is consistent", None),
+    ("terms.twist", "on"): ("means quasistatic; give that, or auto", "quasistatic"),
 }
 
 

@@ -43,7 +43,7 @@ def refusal(values: dict) -> str:
         (
             "terms.twist",
             "frennet",
-            "'frennet' is unknown; give one of auto, on, off, bishop, frenet",
+            "'frennet' is unknown; give one of auto, off, bishop, quasistatic, frenet",
         ),
         ("terms.twist", "frennet", "did you mean frenet?"),
         ("gravity", -9.81, "-9.81 is not a list; give a list of 3 values"),
@@ -206,9 +206,27 @@ def test_arrays_of_numpy_are_lists():
     assert type(scene.rate) is float and scene.rate == 50.0
 
 
-@pytest.mark.parametrize(("value", "meaning"), [(True, "on"), (False, "off")])
-def test_unquoted_on_and_off_of_yaml_1_1_mean_themselves(value, meaning):
-    assert scene_from_values({"terms.twist": value}).terms.twist == meaning
+@pytest.mark.parametrize("term", ["gravity", "twist"])
+def test_unquoted_on_and_off_of_yaml_1_1_mean_themselves(term):
+    assert getattr(scene_from_values({f"terms.{term}": False}).terms, term) == "off"
+    assert scene_from_values({"terms.gravity": True}).terms.gravity == "on"
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said", "changed"),
+    [
+        ("integrator.zhai_psi", 0.6, "0.6 is ignored; remove it: zhai has", {}),
+        ("integrator.zhai_phi", [1], "[1] is ignored", {}),
+        ("discretization.mass", "selective", "selective is ignored", {}),
+        ("terms.twist", "on", "on means quasistatic", {"terms.twist": "quasistatic"}),
+        ("terms.twist", True, "on means quasistatic", {"terms.twist": "quasistatic"}),
+    ],
+)
+def test_what_scenes_once_had_is_read_with_one_line(key, value, said, changed):
+    with pytest.warns(UserWarning) as caught:
+        scene = scene_from_values({key: value})
+    assert [str(one.message)[: len(key) + 2 + len(said)] for one in caught] == [f"{key}: {said}"]
+    assert scene == scene_from_values(changed)
 
 
 @pytest.mark.parametrize("step", [1e-10, 1e-300])

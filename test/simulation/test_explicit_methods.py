@@ -17,8 +17,7 @@ from dlo_sim.simulation.simulator import Simulator
 # An inextensible cable is another cable: its order, limit and energy are in test_rattle.py.
 EXPLICIT = [m.name for m in METHODS.values() if m.family not in (IMPLICIT, CONSTRAINED)]
 
-# A soft strip, clamped at a moving gripper, with a swinging force at its free end. Twist that acts
-# on the shape is followed once per step, whatever the order of the method.
+# A soft strip, clamped at a moving gripper, with a swinging force at its free end.
 NONLINEAR = {
     "cable.length": 0.5,
     "cable.diameter": 0.02,
@@ -33,7 +32,6 @@ NONLINEAR = {
     "loads.tip.force": [0.0, 0.6, 0.2],
     "loads.tip.torque": [0.0, 0.01, 0.0],
     "loads.tip.frequency": 4.0,
-    "terms.twist": "on",
 }
 DURATION = 0.08  # [s]
 
