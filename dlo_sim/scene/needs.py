@@ -9,14 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.scene.description import (
-    IMPLICIT_METHODS,
-    TERMS,
-    Scene,
-    Term,
-    restrictions_of,
-)
+from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
+from dlo_sim.scene.terms import IMPLICIT_METHODS, TERMS, Term, restrictions_of
 
 Vector = NDArray[np.float64]
 _SPACE = (0, 1, 2)
@@ -27,7 +22,7 @@ class Needs:
     """Which terms a scene's step contains; `"contact" in needs` asks for one.
 
     Attributes:
-        active: names of the terms, in the order of `description.TERMS`; beside `twist` stand
+        active: names of the terms, in the order of `terms.TERMS`; beside `twist` stand
             `frenet` or `bishop`, where it is relative to the Frenet torsion, or to the Bishop frame
             and acts on the shape, and `quasistatic`, where it has no rotary inertia about the axis.
         axes: world axes of the motion: all three, or the two of a coordinate plane.

@@ -31,6 +31,12 @@ Kind = Literal["double", "integer", "bool", "string", "double_array", "bool_arra
 Scalar = float | int | bool | str
 Value = Scalar | tuple[float, ...] | tuple[bool, ...] | tuple[str, ...]
 Group = TypeVar("Group")
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Switches = tuple[bool, bool, bool]
+Names = tuple[str, ...]
+SWITCH = ("auto", "on", "off")
+ORIGIN = (0.0, 0.0, 0.0)
 
 _KINDS: dict[Any, Kind] = {float: "double", int: "integer", bool: "bool", str: "string"}
 _ARRAYS: dict[Any, Kind] = {float: "double_array", bool: "bool_array"}

@@ -11,8 +11,9 @@ from dlo_sim.core import bspline, mass, quadrature
 from dlo_sim.core.constant_length import constraint_gram
 from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays
-from dlo_sim.scene.description import TERMS, Scene
+from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
+from dlo_sim.scene.terms import TERMS
 from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.arrays import most_sizes, sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.geometry import Geometries, stiffening

@@ -10,9 +10,10 @@ import numpy as np
 
 from dlo_sim.core.amplification import largest_step
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, METHODS, RUNGE_KUTTA, ZHAI, Method
-from dlo_sim.scene.description import Scene, restrictions_of
+from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import inextensible
+from dlo_sim.scene.terms import restrictions_of
 
 SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
 CLAMPED_SHARE = 0.75  # of explicit steps beside a clamp, whose span stretches and shortens most

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dlo_sim.core.methods import METHODS
-from dlo_sim.scene.description import EXPLICIT
+from dlo_sim.scene.terms import EXPLICIT
 
 Values = dict[str, Any]
 Rng = np.random.Generator

@@ -6,7 +6,7 @@ from cables import simulator
 from everyday_motions import swing
 
 from dlo_sim.core.methods import IMPLICIT, METHODS, RUNGE_KUTTA, SPLITTING, ZHAI
-from dlo_sim.scene import description
+from dlo_sim.scene import terms
 from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
 from dlo_sim.simulation.selection import less_work
 from dlo_sim.simulation.simulator import Simulator
@@ -142,7 +142,7 @@ def test_explicit_methods_know_the_cable_of_the_paper():
         "loads.tip.signal": "sine",
         "loads.tip.force": [0.0, 1.0, 0.0],
     }
-    for method in description.EXPLICIT:
+    for method in terms.EXPLICIT:
         damped = {} if method == "forest_ruth" else {"damping.mass": 1.0, "damping.air_drag": 0.1}
         sim = chosen(held, moved, damped, method=method)
         assert sim.advance_steps(20).status.ok
@@ -157,12 +157,12 @@ def test_a_plastic_cable_has_explicit_and_implicit_methods():
 def test_scenes_and_methods_agree_on_which_methods_can_damp():
     """The scene names methods that the table of methods describes."""
     kinds = {
-        description.EXPLICIT: [
+        terms.EXPLICIT: [
             one for one in METHODS.values() if one.family in (SPLITTING, RUNGE_KUTTA, ZHAI)
         ],
-        description.IMPLICIT: [one for one in METHODS.values() if one.family == IMPLICIT],
-        description.FORWARD: [one for one in METHODS.values() if one.stiffness_damping],
-        description.SINGLE: [one for one in METHODS.values() if one.mass_damping],
+        terms.IMPLICIT: [one for one in METHODS.values() if one.family == IMPLICIT],
+        terms.FORWARD: [one for one in METHODS.values() if one.stiffness_damping],
+        terms.SINGLE: [one for one in METHODS.values() if one.mass_damping],
     }
     for names, methods in kinds.items():
         assert set(names) == {one.name for one in methods}

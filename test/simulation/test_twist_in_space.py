@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT, METHODS
-from dlo_sim.scene.description import IMPLICIT_METHODS
 from dlo_sim.scene.loading import load_scene, scene_from_values, shipped_scene
 from dlo_sim.scene.needs import needs_of
+from dlo_sim.scene.terms import IMPLICIT_METHODS
 from dlo_sim.simulation.simulator import Simulator
 
 THICK = {
