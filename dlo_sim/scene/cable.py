@@ -104,31 +104,24 @@ class Cable:
     @property
     def assumptions(self) -> tuple[str, ...]:
         """One line for each value that is derived although its partner is given: the assumption."""
-        lines = []
-        EA, EI, inertia, section = "D^2 / 4", "D^4 / 64", "D^2 / 8", "solid section"
+        square, fourth, section = "D^2", "D^4", "a solid section"
         if self.bore:
-            EA, EI, section = "(D^2 - d^2) / 4", "(D^4 - d^4) / 64", "hose's section"
-            inertia = "(D^2 + d^2) / 8"
-        if self.bending_stiffness and not self.torsional_stiffness:
-            lines.append(
-                "cable.torsional_stiffness: not given beside bending_stiffness, so GJ = 2 G / E EI "
-                f"= {self.GJ:.3g} N m^2, as of an isotropic section"
-            )
-        if self.bending_stiffness and not self.axial_stiffness:
-            lines.append(
-                f"cable.axial_stiffness: not given beside bending_stiffness, so EA = E pi {EA} = "
-                f"{self.EA:.3g} N, as of a {section}"
-            )
-        if self.axial_stiffness and not self.bending_stiffness:
-            lines.append(
-                f"cable.bending_stiffness: not given beside axial_stiffness, so EI = E pi {EI} = "
-                f"{self.EI:.3g} N m^2, as of a {section}"
-            )
+            square, fourth, section = "(D^2 - d^2)", "(D^4 - d^4)", "a hose's section"
+        axial, bending, given = self.axial_stiffness, self.bending_stiffness, "not given beside"
+        GJ = f"GJ = 2 G / E EI = {self.GJ:.3g} N m^2, as of an isotropic section"
+        EA = f"EA = E pi {square} / 4 = {self.EA:.3g} N, as of {section}"
+        EI = f"EI = E pi {fourth} / 64 = {self.EI:.3g} N m^2, as of {section}"
+        polar = (
+            f"mu {square.replace('-', '+')} / 8 = {self.polar_inertia:.3g} kg m, as of {section}"
+        )
+        rows = (
+            (bending and not self.torsional_stiffness, f"torsional_stiffness: {given} bending", GJ),
+            (bending and not axial, f"axial_stiffness: {given} bending", EA),
+            (axial and not bending, f"bending_stiffness: {given} axial", EI),
+        )
+        lines = [f"cable.{what}_stiffness, so {value}" for applies, what, value in rows if applies]
         if self.linear_density:
-            lines.append(
-                f"cable.linear_density: the polar inertia that belongs to it is mu {inertia} = "
-                f"{self.polar_inertia:.3g} kg m, as of a {section}"
-            )
+            lines.append(f"cable.linear_density: the polar inertia that belongs to it is {polar}")
         return tuple(lines)
 
 
