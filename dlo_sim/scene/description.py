@@ -258,9 +258,7 @@ class Scene:
 
     @property
     def is_rolled(self) -> bool:
-        """Whether the roll is held by anything other than a clamp at an end: a spring, whose
-        stiffness limits explicit steps.
-        """
+        """Whether the roll is held by anything other than a clamp at an end, all but rigidly."""
         springs = any(holder.roll_spring for holder in self.holders.values())
         return springs or any(grasp.roll for grasp in self.grasps)
 

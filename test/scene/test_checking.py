@@ -58,36 +58,20 @@ def refusal(values: dict) -> str:
         ("loads.names", ["names"], "'names' is not a name"),
         ("loads.names", [3], "loads.names[0]: 3 is not a text"),
         ("cable.rest_curvature", [], "[] is empty; give [0.0]"),
+        ("integrator.step", 1e-10, "1e-10 s is below 1e-09 s, the resolution of stamps; give 0"),
+        ("integrator.step", 1e-300, "1e-300 s is below 1e-09 s"),
+        ("frame_id", list(range(100_000)), "...] is not a text"),
+        ("cable.lenght", 1.0, "1.0 is for no known key; did you mean cable.length?"),
+        ("cable", 1.0, "1.0 stands for a group of keys; give cable.length"),
+        ("gravity.x", 1.0, "1.0 is for no known key; did you mean gravity?"),
+        ("zzz", 1.0, "1.0 is for no known key"),
+        ("loads.tip.force", 1.0, "1.0 belongs to a name that is not in loads.names; add 'tip' to"),
     ],
 )
 def test_impossible_value(key, value, complaint):
     message = refusal({key: value})
     assert message.startswith(key)
-    assert complaint in message
-
-
-@pytest.mark.parametrize(
-    ("key", "complaint"),
-    [
-        ("cable.lenght", "did you mean cable.length?"),
-        ("cable", "stands for a group of keys; give cable.length"),
-        ("gravity.x", "is for no known key; did you mean gravity?"),
-        ("zzz", "is for no known key"),
-        ("loads.tip.force", "add 'tip' to loads.names"),
-    ],
-)
-def test_unknown_key(key, complaint):
-    message = refusal({key: 1.0})
-    assert message.startswith(f"{key}: 1.0 ")
-    assert complaint in message
-
-
-def test_misspelt_key_of_a_load():
-    assert "did you mean loads.tip.force?" in refusal({**TIP, "loads.tip.forse": 1})
-
-
-def test_huge_value_is_shown_shortened():
-    assert len(refusal({"frame_id": list(range(100_000))})) < 300
+    assert complaint in message and len(message) < 300
 
 
 @pytest.mark.parametrize(
@@ -162,6 +146,7 @@ def test_huge_value_is_shown_shortened():
             },
             "loads.tip.torque: [1.0, 0.0, 0.0] would be ignored; set loads.tip.type to wrench",
         ),
+        ({**TIP, "loads.tip.forse": 1}, "did you mean loads.tip.force?"),
         ({**TIP, "loads.tip.sign": 0.5}, "loads.tip.sign: 0.5 is not possible; give one of 1.0"),
         (
             {**TIP, "loads.tip.topic": "/x", "start.pose_topic": "/x"},
@@ -227,9 +212,3 @@ def test_what_scenes_once_had_is_read_with_one_line(key, value, said, changed):
         scene = scene_from_values({key: value})
     assert [str(one.message)[: len(key) + 2 + len(said)] for one in caught] == [f"{key}: {said}"]
     assert scene == scene_from_values(changed)
-
-
-@pytest.mark.parametrize("step", [1e-10, 1e-300])
-def test_a_step_that_stamps_cannot_tell_is_refused(step):
-    with pytest.raises(SceneError, match=r"integrator\.step: .* is below 1e-09 s.*give 0"):
-        scene_from_values({"integrator.step": step})
