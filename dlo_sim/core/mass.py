@@ -14,16 +14,10 @@ Array = NDArray[np.float64]
 HALF_BAND = bspline.DEGREE
 
 
-def gram(
-    knots: Array,
-    derivative: int = 0,
-    rule: quadrature.Quadrature | None = None,
-    scale: Array | None = None,
-) -> Array:
-    """Gram matrix G_ij = integral f b_i^(d) b_j^(d) du as lower diagonals, shape (4, n).
+def gram(knots: Array, derivative: int = 0, rule: quadrature.Quadrature | None = None) -> Array:
+    """Gram matrix G_ij = integral b_i^(d) b_j^(d) du as lower diagonals, shape (4, n).
 
     Exact unless a quadrature rule is given (then it is that rule's sum). Unit m^(1 - 2 derivative).
-    `scale` is f on every span, default 1.
     """
     n = len(knots) - bspline.DEGREE - 1
     n_spans = n - bspline.DEGREE
@@ -31,8 +25,7 @@ def gram(
     coefficients = bspline.span_polynomials(knots, derivative)
     powers = rule.xi[..., None] ** np.arange(coefficients.shape[-1])
     values = np.einsum("skp,smp->smk", coefficients, powers)
-    weights = rule.weights if scale is None else rule.weights * scale[:, None]
-    blocks = np.einsum("smi,sm,smj->sij", values, weights, values)
+    blocks = np.einsum("smi,sm,smj->sij", values, rule.weights, values)
     band = np.zeros((HALF_BAND + 1, n))
     for i in range(bspline.ACTIVE):
         for j in range(i + 1):

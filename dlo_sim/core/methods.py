@@ -34,7 +34,6 @@ class Method:
         mass_damping, stiffness_damping: whether the method is valid with such damping.
         drift_weights, kick_weights: c_i and d_i in units of the step, executed drift first.
         stage_matrix, stage_weights: a_ij and b_j of a Runge-Kutta method.
-        zhai_pair: psi and phi of Zhai's method (`core.zhai`).
         substeps: lengths of the sub-steps that make up a step of an implicit method.
         phase_error: k of the error k omega T (omega tau)^order of the phase of an oscillator after
             a time T, for an implicit method.
@@ -54,7 +53,6 @@ class Method:
     kick_weights: tuple[float, ...] = ()
     stage_matrix: tuple[tuple[float, ...], ...] = ()
     stage_weights: tuple[float, ...] = ()
-    zhai_pair: tuple[float, float] = (0.5, 0.5)
     substeps: tuple[float, ...] = (1.0,)
     phase_error: float = 1.0 / 12.0
 
@@ -161,7 +159,7 @@ METHODS: dict[str, Method] = {
             stage_weights=(1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0),
         ),
         Method(
-            # order and limit are those of psi = phi = 1/2; see `core.zhai` for other pairs
+            # with psi = phi = 1/2, the pair with the largest stable step (`methods.zhai`)
             name="zhai",
             family=ZHAI,
             order=2,

@@ -8,6 +8,7 @@ quaternions, or call `normalized` first.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -26,13 +27,16 @@ def normalized(q: ArrayLike) -> Array:
     Raises:
         ValueError: if a quaternion is zero or not finite (it has no direction).
     """
-    q = np.asarray(q, dtype=float)
-    if q.ndim == 1:
-        return np.array(one_rotation.normalized(q.tolist()))
-    norm = np.linalg.norm(q, axis=-1, keepdims=True)
-    if not np.all(np.isfinite(norm)) or np.any(norm == 0.0):
-        raise ValueError("quaternion is zero or not finite: it gives no orientation")
-    return q / norm
+    return _each(one_rotation.normalized, q)
+
+
+def _each(function: Callable[..., tuple[float, ...]], rows: ArrayLike) -> Array:
+    """A function of `one_rotation` for every vector along the last axis."""
+    rows = np.asarray(rows, dtype=float)
+    if rows.ndim == 1:
+        return np.array(function(rows.tolist()))
+    found = [function(row) for row in rows.reshape(-1, rows.shape[-1]).tolist()]
+    return np.array(found).reshape(*rows.shape[:-1], -1)
 
 
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
@@ -97,35 +101,12 @@ def from_matrix(matrix: ArrayLike) -> Array:
 
 def from_rotation_vector(rotation: ArrayLike) -> Array:
     """exp(w) as quaternions, shape (..., 4), of rotation vectors (..., 3) [rad]."""
-    rotation = np.asarray(rotation, dtype=float)
-    if rotation.ndim == 1:
-        return np.array(one_rotation.exponential(rotation.tolist()))
-    angle2 = np.sum(rotation * rotation, axis=-1, keepdims=True)
-    angle = np.sqrt(angle2)
-    small = angle < one_rotation.SMALL
-    safe = np.where(small, 1.0, angle)
-    factor = np.where(small, 0.5 - angle2 / 48.0, np.sin(0.5 * safe) / safe)
-    return np.concatenate((factor * rotation, np.cos(0.5 * angle)), axis=-1)
+    return _each(one_rotation.exponential, rotation)
 
 
 def to_rotation_vector(q: ArrayLike) -> Array:
     """log(q): the rotation vector of the shorter way, angle in [0, pi], shape (..., 3) [rad]."""
-    q = np.asarray(q, dtype=float)
-    if q.ndim == 1:
-        return np.array(one_rotation.logarithm(q.tolist()))
-    q = np.where(q[..., 3:] < 0.0, -q, q)
-    axis, w = q[..., :3], q[..., 3:]
-    sine = np.linalg.norm(axis, axis=-1, keepdims=True)
-    small = sine < one_rotation.SMALL
-    safe = np.where(small, 1.0, sine)
-    # 2 atan2(s, w)/s = 2/w (1 - s^2/(3 w^2) + ...) for small s.
-    small_w = np.where(small, w, 1.0)
-    factor = np.where(
-        small,
-        2.0 / small_w * (1.0 - sine * sine / (3.0 * small_w * small_w)),
-        2.0 * np.arctan2(sine, w) / safe,
-    )
-    return np.asarray(factor * axis)
+    return _each(one_rotation.logarithm, q)
 
 
 def slerp(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:

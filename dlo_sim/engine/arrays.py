@@ -49,7 +49,7 @@ SURFACE = 1 << 32  # the water has a surface (`engine.buoyancy`)
 ROLLING = 1 << 28  # friction also turns the cable about its axis (`engine.rolling`)
 BOXED, ROUND, TUBED = 1 << 29, 1 << 30, 1 << 31  # obstacles may be `contact.BOX`, CYLINDER, TUBE
 
-# Of the terms that `scene.description.TERMS` and `scene.needs` know by a name.
+# Of the terms that `scene.terms.TERMS` and `scene.needs` know by a name.
 BITS = {
     "bend": BEND,
     "twist": TWISTED,
@@ -494,8 +494,6 @@ class Method(Group):
     matrix = Reals("stages", "stages")  # Runge-Kutta methods: a_ij
     weights = Reals("stages")  # b_j
     nodes = Reals("stages")  # c_i
-    psi = Number()  # Zhai's method
-    phi = Number()
     substeps = Reals("stages")  # implicit methods: lengths in units of the step
     conserves_energy = Whole()  # whether the elastic forces are minus the discrete gradient
     tolerance = Number()  # of the energy, relative to that exchanged so far

@@ -11,27 +11,12 @@ import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from dlo_sim.scene.description import Scene, mapping, overridden, scene_from_values, scene_values
+from dlo_sim.scene.description import Scene, mapping, overridden, scene_from_values
+from dlo_sim.scene.description import scene_values as scene_values  # for those who load scenes
 from dlo_sim.scene.refusal import SceneError, brief, nearest
 
 NODE_NAME = "dlo_sim"
 _DEEPEST = 12  # levels of names and keys
-
-__all__ = [
-    "NODE_NAME",
-    "is_for_node",
-    "nodes_with_parameters",
-    "SceneError",
-    "find_scene",
-    "load_scene",
-    "overridden",
-    "parse_assignment",
-    "scene_file_values",
-    "scene_from_values",
-    "scene_values",
-    "shipped_scene",
-    "shipped_scenes",
-]
 
 
 def load_scene(

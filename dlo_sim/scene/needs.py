@@ -9,14 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.scene.description import (
-    IMPLICIT_METHODS,
-    TERMS,
-    Scene,
-    Term,
-    restrictions_of,
-)
+from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
+from dlo_sim.scene.terms import IMPLICIT_METHODS, TERMS, Term, restrictions_of
 
 Vector = NDArray[np.float64]
 _SPACE = (0, 1, 2)
@@ -27,11 +22,12 @@ class Needs:
     """Which terms a scene's step contains; `"contact" in needs` asks for one.
 
     Attributes:
-        active: names of the terms, in the order of `description.TERMS`; beside `twist` stand
+        active: names of the terms, in the order of `terms.TERMS`; beside `twist` stand
             `frenet` or `bishop`, where it is relative to the Frenet torsion, or to the Bishop frame
             and acts on the shape, and `quasistatic`, where it has no rotary inertia about the axis.
         axes: world axes of the motion: all three, or the two of a coordinate plane.
-        twist_model: the model of twist, as in `terms.twist`, also of twist that comes later.
+        twist_model: the model of twist, as in `terms.twist`, also of twist that comes later; off if
+            the scene can have none.
         left_out: name of each absent term -> reason.
         warnings: one line for each term that is switched off although the scene needs it: the key,
             what is lost, the cure. Not part of comparisons.
@@ -61,18 +57,16 @@ class Needs:
         return self._with("drive")
 
     def with_twist(self, scene: Scene) -> Needs:
-        """These needs once something twists the cable; `terms.twist: off` stays and warns."""
+        """These needs once something twists the cable; a cable that can have no twist stays without
+        it and warns.
+        """
         if "twist" in self:
             return self
-        if scene.terms.twist == "off":
-            return self._with_warning(_warning(_ROWS["twist"], scene))
+        if self.twist_model == "off":
+            line = _warning_of_twist(scene)
+            return self._with_warning(line) if line else self
         needs = self._with("twist", *_VARIANTS.get(self.twist_model, ()))
         return needs.spatial(scene) if "bishop" in needs else needs
-
-    def stepped(self, implicit: bool) -> Needs:
-        """These needs, in which twist that comes later is of a model that the chosen method has."""
-        later = "twist" not in self and self.twist_model == "quasistatic" and not implicit
-        return replace(self, twist_model="bishop") if later else self
 
     def spatial(self, scene: Scene) -> Needs:
         """These needs once something acts out of their plane: all three dimensions, with twist
@@ -129,8 +123,11 @@ def needs_of(scene: Scene) -> Needs:
     present = set()
     for term in TERMS:
         name, setting = term.name, getattr(scene.terms, term.name, "auto")
-        needed = _twists(scene, axes, model) if name == "twist" else term.needed(scene)
-        if name == "stretch" and inextensible(scene):
+        needed = _twists(scene, axes) if name == "twist" else term.needed(scene)
+        if name == "twist" and setting == "auto" and model == "off":
+            reasons[name] = _no_twist(scene)[0] if scene.may_twist else term.absent
+            warnings += [line for line in [_warning_of_twist(scene)] if needed and line]
+        elif name == "stretch" and inextensible(scene):
             how = "terms.stretch is off" if setting == "off" else "integrator.method: rattle"
             reasons[name] = f"constraints keep the rest length ({how})"
             present.add(name)
@@ -252,31 +249,44 @@ def _hangs_taut(scene: Scene) -> bool:
 def _twist_model(scene: Scene) -> str:
     """The model of twist of a scene, where it has twist.
 
-    With `auto` twist acts on the shape, quasistatically where the method is implicit and no
-    friction can roll the cable; unless nothing can bend, or the cable is kept in its plane, where
-    the uncoupled model is exact. A moment about a cable whose roll nothing holds spins it ever
-    faster: there, too, it is uncoupled.
+    With `auto` twist acts on the shape, quasistatically unless friction can roll the cable.
     """
-    if scene.terms.twist not in ("auto", "off"):
+    if scene.terms.twist != "auto":
         return scene.terms.twist
-    bends = scene.terms.bend != "off" and scene.cable.EI > 0.0
-    if not bends or scene.terms.out_of_plane == "off":
-        return "on"
+    if _no_twist(scene)[0]:
+        return "off"
     held = any(holder.holds_roll for holder in scene.holders.values())
-    if not held:
-        return "bishop" if any(scene.cable.rest_twist) else "on"
-    explicit = scene.integrator.method not in IMPLICIT_METHODS or inextensible(scene)
-    return "bishop" if explicit or scene.may_roll else "quasistatic"
+    return "quasistatic" if held and not (scene.may_roll or inextensible(scene)) else "bishop"
 
 
-def _twists(scene: Scene, axes: tuple[int, ...], model: str) -> bool:
+def _no_twist(scene: Scene) -> tuple[str, str]:
+    """Why `auto` can have no twist, and the cure where that matters; empty if it can."""
+    method = scene.integrator.method
+    if method not in (*IMPLICIT_METHODS, "rattle"):
+        return f"{method} knows only that of terms.twist: frenet", "use energy_momentum"
+    if scene.terms.bend == "off" or scene.cable.EI == 0.0:
+        return "the cable does not resist bending, by which twist acts on the shape", "let it bend"
+    if scene.terms.out_of_plane == "off":
+        return "in a plane it does not act on the shape", "set terms.out_of_plane to auto"
+    if any(holder.holds_roll for holder in scene.holders.values()) or any(scene.cable.rest_twist):
+        return "", ""
+    return "nothing holds the roll of the cable, so that a moment only spins it", ""
+
+
+def _warning_of_twist(scene: Scene) -> str:
+    """What a scene loses that needs twist and can have none; empty if that does not matter."""
+    if scene.terms.twist == "off":
+        return _warning(_ROWS["twist"], scene)
+    why, cure = _no_twist(scene)
+    return f"terms.twist: auto, so {_ROWS['twist'].loss(scene)}: {why}; {cure}" if cure else ""
+
+
+def _twists(scene: Scene, axes: tuple[int, ...]) -> bool:
     """Whether a scene needs twist from the start; later twist comes with `Needs.with_twist`."""
-    moment = any(any(load.torque) for load in scene.loads)
+    moment = len(axes) == 3 and any(any(load.torque) for load in scene.loads)
     if scene.terms.twist == "off":  # in a plane a moment only bends the cable
-        return scene.is_rolled or (len(axes) == 3 and moment)
-    if model == "on":
-        return scene.may_twist
-    return len(axes) == 3 and (moment or twists_in_space(scene))
+        return scene.is_rolled or moment
+    return moment or (len(axes) == 3 and twists_in_space(scene))
 
 
 def twists_in_space(scene: Scene) -> bool:
@@ -311,8 +321,8 @@ def needs_of_end(needs: Needs, scene: Scene, *, leaves_plane: bool, twists: bool
     if leaves_plane or scene.terms.out_of_plane != "off":
         needs = needs.spatial(scene)
     # Where nothing holds the cable against it, a gripper that turns it does not twist it.
-    free = needs.twist_model in ("bishop", "quasistatic") and not twists_in_space(scene)
-    return needs.with_twist(scene) if twists and not free else needs
+    always = needs.twist_model == "frenet" or scene.terms.twist == "off"
+    return needs.with_twist(scene) if twists and (always or twists_in_space(scene)) else needs
 
 
 def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:

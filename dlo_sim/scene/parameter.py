@@ -31,6 +31,12 @@ Kind = Literal["double", "integer", "bool", "string", "double_array", "bool_arra
 Scalar = float | int | bool | str
 Value = Scalar | tuple[float, ...] | tuple[bool, ...] | tuple[str, ...]
 Group = TypeVar("Group")
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Switches = tuple[bool, bool, bool]
+Names = tuple[str, ...]
+SWITCH = ("auto", "on", "off")
+ORIGIN = (0.0, 0.0, 0.0)
 
 _KINDS: dict[Any, Kind] = {float: "double", int: "integer", bool: "bool", str: "string"}
 _ARRAYS: dict[Any, Kind] = {float: "double_array", bool: "bool_array"}
@@ -216,7 +222,7 @@ def _check_element(row: Parameter, value: object, key: str) -> float | int | boo
 
 
 def _check_text(row: Parameter, value: object, key: str) -> str:
-    if isinstance(value, bool) and {"on", "off"} <= set(row.choices):
+    if isinstance(value, bool) and "off" in row.choices:
         # YAML 1.1 readers, ROS among them, read an unquoted on/off as a boolean.
         value = "on" if value else "off"
     if not isinstance(value, str):

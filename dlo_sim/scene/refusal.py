@@ -2,7 +2,9 @@
 
 import difflib
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+
+Rules = Iterator[tuple[str, str]]  # names of a group's parameters, and the problems with them
 
 _brief = reprlib.Repr()
 _brief.maxstring = _brief.maxother = _brief.maxlong = 60

@@ -26,7 +26,8 @@ import numpy as np
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.one_rotation import Quaternion, Vector, normalized, turn_between
-from dlo_sim.scene.description import LEAST_SIZE, Obstacle, Scene
+from dlo_sim.scene.description import Obstacle, Scene
+from dlo_sim.scene.obstacles import LEAST_SIZE
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import Journal, Refused
 from dlo_sim.session.time_base import SECOND

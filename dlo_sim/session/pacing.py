@@ -15,7 +15,8 @@ import math
 from collections.abc import Mapping
 from enum import Enum
 
-from dlo_sim.scene.description import LEAST_LATENCY, MOST_LATENCY, Scene
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.node import LEAST_LATENCY, MOST_LATENCY
 from dlo_sim.session.diagnostics import Journal
 from dlo_sim.session.gripper_path import PoseTiming
 from dlo_sim.session.time_base import SECOND

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, mass, quadrature
-from dlo_sim.core.constant_length import constraint_gram
 from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays
 from dlo_sim.engine.contact import EARTH
 from dlo_sim.engine.span_guard import guard_stiffness
-from dlo_sim.scene.description import TERMS, Scene
+from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
+from dlo_sim.scene.terms import TERMS
 from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.arrays import most_sizes, sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.geometry import Geometries, stiffening
@@ -64,7 +64,6 @@ def build_model(
         obstacles=len(scene.bodies) * ("contact" in needs),
         pieces=pieces,
         segments=segments,
-        constraints=0,
         field_values=sum(field.values.size for field in fields),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
@@ -118,7 +117,6 @@ def fill_rows(model: Model, values: Array, shifts: Array) -> None:
 # inverted without: too little to matter in the energy account; more where nothing holds the roll.
 STATIC, FREE_STATIC = 1e-24, 1e-9
 WATER_PARTS = 8, 32  # of a span where the water has a surface, fewest and most
-SELECTIVE = 3e-3  # of mu h^6 integral b''' b'''
 PENALTY = 1e6  # on the strain of a cable of constant length, in its weight and EI / L^2
 
 
@@ -180,10 +178,6 @@ class _Filling:
         gram = mass.gram(model.knots)
         if scene.discretization.mass == "lumped":
             gram = mass.lumped(gram)
-        if scene.discretization.mass == "selective":
-            # Selective mass scaling: the third derivative is what a span knows least of.
-            lengths = np.diff(bspline.breaks(model.knots))
-            gram = gram + SELECTIVE * mass.gram(model.knots, 3, scale=lengths**6)
         space = scene.cable.mu * gram
         space[0, 0] += scene.start.mass
         space[0, -1] += scene.end.mass

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import bspline, mass, spectrum
+from dlo_sim.core import mass, spectrum
 from dlo_sim.core.constant_length import constraint_gram
-from dlo_sim.engine.arrays import MATERIAL, STATIC_TWIST, TORSION
+from dlo_sim.engine.arrays import TORSION
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import inextensible
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.geometry import STIFFEST
-from dlo_sim.simulation.holding import stiffness_of_roll
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -36,16 +32,9 @@ def largest_frequency(scene: Scene, cable: Cable) -> float:
     constrained = False
     is_dense = constrained or dim * model.n <= DENSE_LIMIT
     value = _dense(cable, constrained) if is_dense else _lanczos(cable)
-    if model.twist and not model.has(STATIC_TWIST):
+    if model.twist:
         held = model.held_mask()[dim]
-        band, inertia = model.twisting_stiffness, model.mass(dim)
-        twisting = spectrum.largest_of_line(band, inertia, ~held)
-        if model.has(MATERIAL):
-            # EI kappa kappa0 per length and angle, for bending radii down to the cable's diameter
-            material = scene.cable
-            bent = max(map(abs, (*material.rest_curvature, *material.rest_curvature_2)))
-            turning = material.EI * bent / (material.diameter * material.polar_inertia)
-            twisting = math.hypot(twisting, math.sqrt(2.0 * turning))
+        twisting = spectrum.largest_of_line(model.twisting_stiffness, model.mass(dim), ~held)
         value = max(value, twisting)
     if model.has(TORSION):
         value = with_torsion(value, scene, model)
@@ -55,33 +44,6 @@ def largest_frequency(scene: Scene, cable: Cable) -> float:
 def _without_rounding(frequency: float) -> float:
     """Ten digits: LAPACK rounds the others differently on another processor, and steps follow."""
     return float(f"{frequency:.10g}")
-
-
-def with_grasps(scene: Scene, model: Model, frequency: float) -> float:
-    """Upper bound of the frequency [rad/s] once all idle grasps have taken the cable.
-
-    By Weyl's inequality, a spring k at the basis values (or slopes) b adds at most k b.(M^-1 b) to
-    omega^2, and a jaw at most the largest omega^2 of its additional bending stiffness if it acted
-    along the whole cable.
-    """
-    idle = [grasp for grasp in scene.grasps if not grasp.taken]
-    if any(grasp.jaw for grasp in idle):
-        bending = (STIFFEST - 1.0) * scene.cable.EI * mass.gram(model.knots, 2)
-        free = np.ones(model.n, dtype=bool)
-        added = spectrum.largest_of_line(bending, model.mass(0), free)
-        frequency = math.hypot(frequency, added)
-    places, dim = bspline.greville(model.knots), len(model.axes)
-    springs = [(0, 0, max(grasp.spring)) for grasp in idle]
-    springs += [(0, 1, grasp.tangent_spring) for grasp in idle]
-    if model.twist and not model.has(STATIC_TWIST):
-        springs += [(dim, 0, stiffness_of_roll(grasp, scene)) for grasp in idle]
-    for line, derivative, stiffness in springs:
-        if stiffness:
-            inverse = np.linalg.inv(mass.dense(model.mass(line)))
-            basis = bspline.evaluate(np.eye(model.n), model.knots, places, derivative)
-            lightest = float(np.einsum("ui,ij,uj->u", basis, inverse, basis).max())
-            frequency = math.hypot(frequency, math.sqrt(stiffness * lightest))
-    return _without_rounding(frequency)
 
 
 def _held_rows(cable: Cable) -> Array:

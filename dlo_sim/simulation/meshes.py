@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.engine import distance_field
-from dlo_sim.scene.description import IN_MEMORY, IN_TEXT, Obstacle, Scene
+from dlo_sim.scene.description import Obstacle, Scene
 from dlo_sim.scene.loading import SceneError
+from dlo_sim.scene.obstacles import IN_MEMORY, IN_TEXT
 
 Array = NDArray[np.float64]
 KINDS = "stl", "obj", "ply", "glb", "dae"  # of files; trimesh reads others, archives among them

@@ -136,7 +136,7 @@ class Model:
         if not np.allclose(own, columns, rtol=0.0, atol=1e-12):
             raise ValueError(
                 f"{what}: leave the coordinates of the step, {self.columns} of x, y, z, theta; "
-                f"set terms.out_of_plane or terms.twist to on"
+                f"set terms.out_of_plane: on or terms.twist: quasistatic"
             )
         return columns
 

@@ -8,12 +8,12 @@ from itertools import combinations
 
 import numpy as np
 
-from dlo_sim.core import zhai
 from dlo_sim.core.amplification import largest_step
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, METHODS, RUNGE_KUTTA, ZHAI, Method
-from dlo_sim.scene.description import Scene, restrictions_of
+from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import inextensible
+from dlo_sim.scene.terms import restrictions_of
 
 SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
 CLAMPED_SHARE = 0.75  # of explicit steps beside a clamp, whose span stretches and shortens most
@@ -177,16 +177,7 @@ def _following(acceleration: float, target: float, method: Method) -> tuple[floa
 
 
 def _method(scene: Scene, name: str) -> Method:
-    """The method with the scene's parameters; refused if it is not for the scene."""
-    method = METHODS[name]
-    if method.family == ZHAI:
-        psi, phi = scene.integrator.zhai_psi, scene.integrator.zhai_phi
-        method = zhai.with_parameters(psi, phi)
-        if method.stability_limit == 0.0:
-            raise SceneError(
-                f"integrator.zhai_phi: no step is stable with psi {psi:g} and phi {phi:g}; "
-                f"use 0.5 for both"
-            )
+    """The method of this name; refused if it is not for the scene."""
     asked = restrictions_of(scene)
     fitting = [one for one in METHODS if all(one in each.methods for each in asked)]
     if not fitting:
@@ -203,7 +194,7 @@ def _method(scene: Scene, name: str) -> Method:
             raise SceneError(
                 f"integrator.method: {name} is not valid with {one.asked(scene)}{one.why}; {cure}"
             )
-    return method
+    return METHODS[name]
 
 
 def _step_limit(scene: Scene, method: Method, frequency: float) -> float:

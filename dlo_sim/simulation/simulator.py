@@ -39,7 +39,6 @@ from dlo_sim.scene.needs import (
 )
 from dlo_sim.simulation import following, obstacles, self_contact
 from dlo_sim.simulation.buckling import (
-    coiling_warning,
     look_due,
     plane_warning,
     release,
@@ -57,7 +56,7 @@ from dlo_sim.simulation.forecast import (
     checked_times,
     shape_times,
 )
-from dlo_sim.simulation.frequency import largest_frequency, with_grasps
+from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import (
     NEAREST,
     Geometries,
@@ -191,7 +190,6 @@ class Simulator:
         self._watch = self_contact.Watch()
         self._bends: dict[str, Shortfall] = {}  # of recorded runs
         self.choice = choose(scene, self._largest_frequency(), unchecked_step)
-        self._needs = needs.stepped(self.choice.method.family == IMPLICIT)
         self._stepper = Stepper(scene, self.cable, self.choice.method, self.choice.step)
         # When the cable could fall to either side, and the projection (3, 3) onto these directions.
         self._fell = None if given or continues else self._fallen_at_start()
@@ -291,7 +289,6 @@ class Simulator:
         }
         lines = (
             self._first_unstable,
-            coiling_warning(self.scene, self.cable),
             self._open_balance,
             obstacles.thin_warning(self.scene),
             obstacles.mesh_warning(self.scene),
@@ -1487,8 +1484,7 @@ class Simulator:
         """Of the cable as it begins, with what may hold it [rad/s]; 0 for implicit methods."""
         if is_implicit(self.scene):
             return 0.0
-        frequency = largest_frequency(self.scene, self.cable)
-        return with_grasps(self.scene, self.model, frequency)
+        return largest_frequency(self.scene, self.cable)
 
     def _fill_loads(self) -> None:
         """Loads of the scene in the inputs of the cable."""

@@ -234,9 +234,7 @@ class _FirstShape:
     def _twist(self) -> None:
         """Let the twist come into equilibrium, too, or warn."""
         cable = self._cable
-        if not cable.model.has(BISHOP):
-            relax_twist(cable)
-        elif not self._with_twist():
+        if cable.model.has(BISHOP) and not self._with_twist():
             what = "natural shape causes" if cable.model.has(MATERIAL) else "moments cause"
             warnings.warn(
                 f"initial.shape: the search for the twist that the {what} did not converge; the "
@@ -768,9 +766,8 @@ def relax(
     """Move a cable to a nearby stable equilibrium at rest; true if it was reached.
 
     Damping plays no part, and sine loads are at their value at time zero. The twist stays as
-    it is: `relax_twist` solves for it; or with `twist`, which acts on the shape, they are found
-    together. `after_step` may change the natural and plastic curvature after each step of the
-    search, which then converges linearly.
+    it is, or with `twist` both are found together. `after_step` may change the natural and plastic
+    curvature after each step of the search, which then converges linearly.
     `rest` is the movement of a step [of the length, or rad] that counts as rest; `rolls` says
     that what holds the roll turns with the Bishop frame. `across` is a unit vector along which a
     guide hardly lets the cable move: there it is not in equilibrium.
@@ -802,18 +799,6 @@ def relax(
         ceiling *= 1.2**smooth
         pseudo = min(pseudo, ceiling, 1e12 * search.patient)
     return False
-
-
-def relax_twist(cable: Cable) -> None:
-    """Put the twist that does not act on the shape into equilibrium at the present shape. Where
-    nothing holds it, the cable keeps the one it has.
-    """
-    model = cable.model
-    if not model.twist:
-        return
-    held = model.held_mask()[-1]
-    if held.any() or model.holding.roll_springs:
-        cable.x[-1] += mass.solve(model.twisting_stiffness, held, cable.forces()[-1])
 
 
 def _nudge(cable: Cable, across: Array | None = None) -> None:

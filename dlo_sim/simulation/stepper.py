@@ -207,7 +207,6 @@ def _constants_of(method: Method, scene: Scene, check_every: int) -> arrays.Meth
         out.matrix[i, : len(row)] = row
     out.nodes[:] = out.matrix.sum(axis=1)
     out.weights[: len(method.stage_weights)] = method.stage_weights
-    out.psi, out.phi = method.zhai_pair
     out.substeps[: len(method.substeps)] = method.substeps
     out.conserves_energy, out.tolerance = method.conserves_energy, scene.integrator.tolerance
     out.halvings = implicit.MAX_HALVINGS

@@ -11,7 +11,7 @@ import numpy as np
 
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.scene import description
+from dlo_sim.scene import description, terms
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, scene_values, shipped_scenes
 from dlo_sim.scene.needs import check_terms, needs_of
@@ -33,7 +33,8 @@ STIFF = 1.0e6  # [N/m], a spring that holds as well as a fixed axis
 FREE: Values = {"start.spring": [0.0] * 3, "end.spring": [0.0] * 3}
 STILL: Values = {"start.pose_topic": "", "end.pose_topic": ""}
 SPACE: Values = {"terms.out_of_plane": "on"}
-TWIST: Values = {"terms.twist": "on"}  # that every method and every other term allows
+TWIST: Values = {"terms.twist": "quasistatic"}
+UNTWISTED: Values = {"terms.twist": "off"}  # that every method and every other term allows
 BISHOP: Values = {"terms.twist": "bishop"}
 # Accelerated motion of grippers from rest, as an inextensible cable does not admit a velocity jump:
 # [m], [rad], [s]
@@ -49,8 +50,8 @@ EXPLANATION = """Time per step with and without the term, compiled, least of the
     both runs, see the note. Driven grippers move sideways and rotate about the cable with constant
     acceleration. A term that a scene leaves out automatically has a reason, and an error of zero or
     round-off; terms that it lacks are added without visible effect. Without *stretch* the cable is
-    inextensible (rattle, another method), without *frenet* twist is relative to a frame that does
-    not follow the torsion, without *drive* grippers are at rest, and without *out of plane* loads
+    inextensible (rattle, another method), without *frenet* or *bishop* it does not twist, without
+    *drive* grippers are at rest, and without *out of plane* loads
     normal to the plane are removed. *Air drag* is a part of damping."""
 HEADER = (
     "scene | term | in its step | with [us/step] | without [us/step] | saved [%] {:.0f} | "
@@ -113,10 +114,10 @@ DEFAULTS = scene_values(description.default_scene())
 TERMS = {
     "stretch": Term({"terms.stretch": "on"}, RATTLE),
     "bend": Term({"terms.bend": "on"}, {"terms.bend": "off"}),
-    "twist": Term(TWIST, {"terms.twist": "off"}),
-    "frenet": Term(FRENET, TWIST, "terms.twist is not frenet"),
-    "bishop": Term(BISHOP, TWIST, "terms.twist is not bishop"),
-    "quasistatic": Term({"terms.twist": "quasistatic"}, BISHOP, "terms.twist is not quasistatic"),
+    "twist": Term(TWIST, UNTWISTED, along=("frenet", "bishop", "quasistatic")),
+    "frenet": Term(FRENET, UNTWISTED, "terms.twist is not frenet", ("twist",)),
+    "bishop": Term(BISHOP, UNTWISTED, "terms.twist is not bishop", ("twist", "quasistatic")),
+    "quasistatic": Term(TWIST, BISHOP, "terms.twist is not quasistatic"),
     "contact": Term(GROUND, UNTOUCHED, along=("friction",)),
     "self_contact": Term({"contact.self": "on"}, {"contact.self": "off"}),
     "friction": Term({"contact.friction": 0.3}, _smooth),
@@ -130,7 +131,7 @@ TERMS = {
     "out_of_plane": Term(SPACE, _flat, along=("loads",)),
     **{
         one.name: Term({**one.faint}, {key: DEFAULTS[key] for key in one.faint}, along=("damping",))
-        for one in description.TERMS
+        for one in terms.TERMS
         if one.faint
     },
 }
@@ -146,13 +147,13 @@ METHODS = (*OTHERS, IMPLICIT, *({**one, **UNTOUCHED} for one in OTHERS))
 COMMON: tuple[Change, ...] = (
     {},
     _present_twist,
-    TWIST,
+    UNTWISTED,
     SPACE,
-    {**SPACE, **TWIST},
-    {**SPACE, **TWIST, "initial.shape": "straight"},  # no equilibria with torsion are computed
+    {**SPACE, **UNTWISTED},
+    {**SPACE, **UNTWISTED, "initial.shape": "straight"},  # no equilibria with torsion are computed
     {**SPACE, **BISHOP},
-    {**TWIST, "end.clamped": False},
-    {**TWIST, **STILL},
+    {**UNTWISTED, "end.clamped": False},
+    {**UNTWISTED, **STILL},
     GROUND,
     {**GROUND, **BISHOP},
 )

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from dlo_sim.core.methods import METHODS
+from dlo_sim.scene.terms import EXPLICIT
 
 Values = dict[str, Any]
 Rng = np.random.Generator
@@ -86,14 +87,14 @@ def weight(values: Values) -> float:
     return float(9.81 * values["cable.density"] * area * values["cable.length"])
 
 
-def _in_space(rng: Rng, values: Values, low: float, high: float, twist: str = "off") -> None:
+def _in_space(rng: Rng, values: Values, low: float, high: float) -> None:
     """The ends apart by a share of the length, in any direction; gravity in another."""
     gap = values["cable.length"] * rng.uniform(low, high)
     start = direction(rng) * values["cable.length"] * rng.uniform(0.0, 3.0)
     values["start.position"] = start.tolist()
     values["end.position"] = (start + gap * direction(rng)).tolist()
     values["gravity"] = (direction(rng) * log_uniform(rng, 0.1, 100.0)).tolist()
-    values |= {"terms.out_of_plane": "on", "terms.twist": twist}
+    values |= {"terms.out_of_plane": "on", "terms.twist": "off"}
 
 
 def _add_load(rng: Rng, values: Values, name: str, torque: bool = False) -> None:
@@ -149,23 +150,18 @@ def _free_flight(rng: Rng, values: Values) -> None:
             values[f"loads.{name}.signal"] = "constant"  # known impulses
 
 
-def _pulled(rng: Rng, values: Values, twist: str = "off") -> None:
+def _pulled(rng: Rng, values: Values) -> None:
     """Both ends held and moved about."""
-    _in_space(rng, values, 0.2, 1.0, twist)
+    _in_space(rng, values, 0.2, 1.0)
     for end in ("start", "end"):
         values[f"{end}.fixed"] = [True] * 3
         values[f"{end}.clamped"] = bool(rng.integers(2))
         values[f"{end}.pose_topic"] = f"/{end}"
 
 
-def _grippers(rng: Rng, values: Values) -> None:
-    """Two grippers that move and turn, twist."""
-    _pulled(rng, values, twist="on")
-
-
 def _damped(rng: Rng, values: Values) -> None:
-    """Springs, natural curvature, twist, a force or a wrench."""
-    _in_space(rng, values, 0.2, 1.5, twist="on")
+    """Springs, a force or a wrench, and with implicit methods natural curvature."""
+    _in_space(rng, values, 0.2, 1.5)
     values["end.fixed"] = [False, False, bool(rng.integers(2))]
     values["end.spring"] = [log_uniform(rng, 1e-3, 1e8), log_uniform(rng, 1e-3, 1e8), 0.0]
     bends = rng.uniform(-6.0, 6.0, size=rng.integers(1, 4)) / values["cable.length"]
@@ -182,7 +178,7 @@ KINDS = (
     Kind("plane springs", _plane_springs),
     Kind("hanging", _hanging),
     Kind("free flight", _free_flight, _all_but("rk4", "zhai")),
-    Kind("grippers", _grippers, _all_but("rk4", "zhai", "rattle"), True, tuple(DAMPING)),
+    Kind("grippers", _pulled, _all_but("rk4", "zhai", "rattle"), True, tuple(DAMPING)),
     Kind("damped", _damped, damping=tuple(DAMPING), undamped=False),
     Kind("pulled", _pulled, driven=True),
 )
@@ -206,6 +202,8 @@ def draw_case(seed: int, kinds: tuple[Kind, ...] = KINDS) -> Case:
     kind.draw(rng, values)
     _draw_damping(rng, kind, values)
     values["integrator.method"] = str(rng.choice(["auto", *_valid_methods(kind, values)]))
+    if values["integrator.method"] in EXPLICIT:
+        values.pop("cable.rest_curvature", None)
     values["integrator.step"] = 0.0 if rng.uniform() < 0.4 else log_uniform(rng, 1e-6, 1e-1)
     steps = int(min(max(4e4 / values["discretization.control_points"], 50), 1000))
     moves = _draw_moves(rng, values) if kind.driven else ()

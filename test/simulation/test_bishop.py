@@ -265,9 +265,6 @@ def test_shapes_without_curvature_give_no_jump():
 @pytest.mark.parametrize(
     ("method", "step", "close"),
     [
-        ("velocity_verlet", 2e-4, 3e-4),
-        ("rk4", 2e-4, 3e-4),
-        ("zhai", 2e-4, 3e-4),
         ("implicit_midpoint", 2e-3, 3e-4),
         ("energy_momentum", 2e-3, 3e-4),
     ],
@@ -360,7 +357,7 @@ def test_restored_it_goes_on_with_the_same_bits():
 def test_the_first_shape_has_no_twist():
     """An equilibrium out of a plane is found as without the coupling."""
     slack = {key.replace(".", "__"): value for key, value in SLACK.items()}
-    sim, plain = (held(**slack, terms__twist=value) for value in ("bishop", "on"))
+    sim, plain = (held(**slack, terms__twist=value) for value in ("bishop", "off"))
     np.testing.assert_allclose(sim.control_points, plain.control_points, atol=1e-9)
     assert sim.energy().twist < 1e-12
 

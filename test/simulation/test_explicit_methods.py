@@ -17,8 +17,7 @@ from dlo_sim.simulation.simulator import Simulator
 # An inextensible cable is another cable: its order, limit and energy are in test_rattle.py.
 EXPLICIT = [m.name for m in METHODS.values() if m.family not in (IMPLICIT, CONSTRAINED)]
 
-# A soft strip, clamped at a moving gripper, with a swinging force at its free end. Twist that acts
-# on the shape is followed once per step, whatever the order of the method.
+# A soft strip, clamped at a moving gripper, with a swinging force at its free end.
 NONLINEAR = {
     "cable.length": 0.5,
     "cable.diameter": 0.02,
@@ -33,7 +32,6 @@ NONLINEAR = {
     "loads.tip.force": [0.0, 0.6, 0.2],
     "loads.tip.torque": [0.0, 0.01, 0.0],
     "loads.tip.frequency": 4.0,
-    "terms.twist": "on",
 }
 DURATION = 0.08  # [s]
 
@@ -192,13 +190,6 @@ def test_zhai_with_one_half_walks_in_the_steps_of_verlet() -> None:
     moved = np.abs(tracks[0][0]).max()
     assert np.abs(tracks[0][0] - tracks[1][0]).max() < 1e-12 * moved
     assert np.abs(tracks[0][1] - tracks[1][1]).max() > 1e-6  # its velocities are others
-
-
-def test_zhai_parameters_of_the_scene_are_used() -> None:
-    other = Simulator(scene(integrator__method="zhai", integrator__zhai_psi=0.6))
-    assert other.choice.limit < Simulator(scene(integrator__method="zhai")).choice.limit
-    with pytest.raises(SceneError, match="integrator.zhai_phi: no step is stable"):
-        Simulator(scene(integrator__method="zhai", integrator__zhai_psi=0.2))
 
 
 def test_force_evaluations_per_step() -> None:

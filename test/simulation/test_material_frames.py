@@ -1,7 +1,7 @@
 """Frames along the cable: orthonormal, x along the tangent, twist and clamp orientation visible."""
 
 import numpy as np
-from cables import FLAT, FULL, SOFT, set_state, simulator
+from cables import FLAT, FULL, SOFT, TWISTED, set_state, simulator
 
 from dlo_sim.core import bspline, rotations
 
@@ -50,7 +50,7 @@ def test_frames_are_right_handed_and_do_not_turn_about_the_tangent_without_twist
 
 
 def test_twist_turns_the_frames_about_the_tangent():
-    plain, twisted = bent(), bent()
+    plain, twisted = bent(), bent(TWISTED)
     points = twisted.control_points
     points[:, 3] = 2.0 * twisted.greville
     set_state(twisted, points)

@@ -316,7 +316,7 @@ def test_newtons_method_finds_its_way_back_from_too_far():
             "integrator.method": "energy_momentum",
             "integrator.step": 0.02,
             "discretization.control_points": 9,
-            "terms.twist": "on",
+            "terms.twist": "quasistatic",
         }
     )
     iterations = 0

@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT, METHODS
-from dlo_sim.scene.description import IMPLICIT_METHODS
 from dlo_sim.scene.loading import load_scene, scene_from_values, shipped_scene
 from dlo_sim.scene.needs import needs_of
+from dlo_sim.scene.terms import IMPLICIT_METHODS
 from dlo_sim.simulation.simulator import Simulator
 
 THICK = {
@@ -156,11 +156,10 @@ FREE = {"start.clamped": False, "end.fixed": [False] * 3, "end.clamped": False}
     [
         (THICK, "quasistatic"),
         (THICK | {"integrator.method": "implicit_midpoint"}, "quasistatic"),
-        (THICK | {"integrator.method": "velocity_verlet"}, "bishop"),
+        (THICK | {"integrator.method": "velocity_verlet"}, ""),
         (THICK | {"integrator.method": "rattle", "damping.stiffness": 0.0}, "bishop"),
-        (THICK | {"terms.twist": "on"}, "on"),
-        (THICK | {"terms.bend": "off"}, "on"),
-        (THICK | {"terms.out_of_plane": "off"}, "on"),
+        (THICK | {"terms.bend": "off"}, ""),
+        (THICK | {"terms.out_of_plane": "off"}, ""),
         (THICK | SPRING, "quasistatic"),
         (CLAMPS, "quasistatic"),
         (CLAMPS | SPRING, "quasistatic"),
@@ -169,16 +168,16 @@ FREE = {"start.clamped": False, "end.fixed": [False] * 3, "end.clamped": False}
         (ONE | MOMENT, ""),
         (ONE | MOMENT | TURNING, "quasistatic"),
         (ONE | {"plasticity.yield_curvature": 1.0}, "quasistatic"),
-        (FREE | MOMENT | TURNING, "on"),
+        (FREE | MOMENT | TURNING, ""),
         (FREE | {"cable.rest_twist": [1.0]}, "bishop"),
         (FREE | CURVED | {"start.pose_topic": "/left"}, ""),
     ],
 )
 def test_the_model_follows_from_what_twists_the_cable(values, model):
     needs = needs_of(scene_from_values(values))
-    found = next((one for one in ("quasistatic", "bishop") if one in needs), "on")
-    assert (found if "twist" in needs else "") == model
-    assert ("bishop" in needs) == (model in ("bishop", "quasistatic"))
+    found = next((one for one in ("quasistatic", "bishop") if one in needs), "")
+    assert found == model
+    assert ("bishop" in needs) == ("twist" in needs) == (model != "")
     assert "bishop" not in needs or len(needs.axes) == 3
 
 
@@ -215,15 +214,11 @@ def roll(sim, end, angle, duration=1.0):
     sim.set_motion(end, motion)
 
 
-@pytest.mark.parametrize("method", ["auto", "velocity_verlet", "energy_momentum"])
-def test_a_gripper_that_turns_later_meets_the_coupled_model(method):
-    values = CLAMPS | SOFT | {"end.position": [0.9, 0.0, 0.0], "integrator.method": method}
+def test_a_gripper_that_turns_later_meets_the_coupled_model():
+    values = CLAMPS | SOFT | {"end.position": [0.9, 0.0, 0.0]}
     sim = Simulator(scene_from_values(values))
-    implicit = sim.choice.method.family == IMPLICIT
-    assert implicit == (method != "velocity_verlet")
     roll(sim, "end", 1.0)
-    assert "bishop" in sim.active_terms and len(sim.model.axes) == 3
-    assert ("quasistatic" in sim.active_terms) == implicit
+    assert {"bishop", "quasistatic"} <= set(sim.active_terms) and len(sim.model.axes) == 3
     assert sim.advance(1.5).status.ok
     assert sim.control_points[-1, 3] == pytest.approx(1.0, abs=1e-3)
     assert np.abs(sim.centerline([0.25])[:, 1]).max() > 1e-7
@@ -235,6 +230,22 @@ def test_a_gripper_that_leaves_the_plane_later_brings_the_coupled_model():
     sim = Simulator(scene_from_values(CLAMPS | stiff))
     sim.set_end("end", position=[0.7, 0.2, 0.1])
     assert "quasistatic" in sim.active_terms
+
+
+@pytest.mark.parametrize(
+    ("values", "left_out", "cure"),
+    [
+        ({"integrator.method": "velocity_verlet"}, "velocity_verlet knows only that", "use energy"),
+        ({"terms.bend": "off"}, "the cable does not resist bending", "let it bend"),
+        ({"terms.out_of_plane": "off"}, "in a plane", "terms.out_of_plane: off"),
+    ],
+)
+def test_a_cable_that_can_have_no_twist_says_so(values, left_out, cure):
+    needs = needs_of(scene_from_values(THICK | values))
+    assert left_out in needs.left_out["twist"]
+    assert any(cure in line for line in needs.warnings)
+    loaded = needs.with_twist(scene_from_values(THICK | values))
+    assert "twist" not in loaded and "terms.twist: auto, so nothing turns" in loaded.warnings[-1]
 
 
 def test_only_a_moment_twists_a_cable_of_one_gripper():
@@ -273,7 +284,7 @@ def test_moments_twist_and_bend_the_cable_at_rest():
     assert np.ptp(begin[:, 3]) > 0.1
     assert sim.advance(5.0).status.ok
     assert np.abs(sim.control_points - begin)[:, :3].max() < 1e-6
-    untwisted = Simulator(scene_from_values(values | {"terms.twist": "on"}))
+    untwisted = Simulator(scene_from_values(values | {"terms.twist": "off"}))
     assert np.abs(untwisted.control_points - begin)[:, :3].max() > 1e-3
 
 

@@ -88,11 +88,6 @@ def test_newton_knows_the_drag():
     assert sim.advance_steps(250).force_evaluations < 3.5 * 250
 
 
-def test_explicit_methods_refuse_water():
-    with pytest.raises(SceneError, match=r"water\.density 1000; use energy_momentum"):
-        simulator(CABLE, method="velocity_verlet")
-
-
 def test_no_water_no_drag():
     values = {"water.density": 0.0, "water.velocity": [1.0, 0.0, 0.0]}
     assert "damping" in simulator(CABLE, values, method="velocity_verlet", step=1e-5).left_out

@@ -60,11 +60,10 @@ def _runge_kutta(wire, state, method: Method, t, tau) -> None:
 
 
 def _zhai(wire, state, method: Method, t, tau) -> None:
-    psi, phi = wire.scene.integrator.zhai_psi, wire.scene.integrator.zhai_phi
     now = wire.acceleration(state.position, t)
     before = now if state.before is None else state.before
-    state.position += tau * state.velocity + tau * tau * ((0.5 + psi) * now - psi * before)
-    state.velocity += tau * ((1.0 + phi) * now - phi * before)
+    state.position += tau * state.velocity + tau * tau * (now - 0.5 * before)
+    state.velocity += tau * (1.5 * now - 0.5 * before)
     state.before = now
 
 

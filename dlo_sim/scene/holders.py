@@ -1,0 +1,249 @@
+"""What a scene says of the ends of the cable, of grippers that hold it, and of loads."""
+
+from dataclasses import dataclass
+
+from dlo_sim.scene.parameter import ORIGIN, Switches, Vector, parameter
+from dlo_sim.scene.refusal import Rules, shown
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force or wrench on the cable, from a topic or from a signal.
+
+    Parameters:
+        topic: Topic of the load; empty without a signal = `~/<name>/wrench` or `~/<name>/force`
+            (for a load named `force` of type force: `~/force`).
+        type: Message type: WrenchStamped, or Vector3Stamped (a force).
+        position: Location on the cable: 0 at start, 1 at end; the default for a load named `start`
+            is 0.0.
+        timeout: Time without messages after which the load is removed; 0 = never.
+        sign: 1: messages give the load exerted on the cable by the end effector; -1: the opposite.
+        frame: Frame of messages without a frame_id: the name in `start.frame`, `end.frame` or
+            `grasps.<name>.frame` for a sensor that turns with that end effector, or `frame_id`, or,
+            with inputs.tf, any frame of tf2; empty = `frame_id`, which is said when it is used.
+        signal: Load without a topic: constant, or force and torque times sin(2 pi frequency t).
+        force: Force of the signal, world frame.
+        torque: Torque of the signal, world frame.
+        frequency: Frequency of a sine.
+    """
+
+    name: str
+    topic: str = parameter("", read_only=True)
+    type: str = parameter("wrench", choices=("wrench", "force"), read_only=True)
+    position: float = parameter(1.0, "", (0.0, 1.0))
+    timeout: float = parameter(0.5, "s", (0.0, 3600.0))
+    sign: float = parameter(1.0, "", (-1.0, 1.0), choices=(1.0, -1.0))
+    frame: str = parameter("")
+    signal: str = parameter("none", choices=("none", "constant", "sine"), read_only=True)
+    force: Vector = parameter(ORIGIN, "N", (-1.0e9, 1.0e9))
+    torque: Vector = parameter(ORIGIN, "N m", (-1.0e9, 1.0e9))
+    frequency: float = parameter(1.0, "Hz", (1.0e-6, 1.0e4))
+
+    @property
+    def input_topic(self) -> str:
+        """The topic of this load, the default if none is given; empty for a signal."""
+        if self.signal != "none":
+            return ""
+        if self.topic:
+            return self.topic
+        if self.type == "force":
+            return "~/force" if self.name == "force" else f"~/{self.name}/force"
+        return f"~/{self.name}/wrench"
+
+
+@dataclass(frozen=True)
+class Holder:
+    """An end-effector that holds the cable at one place.
+
+    Parameters:
+        position: End-effector position until the first pose arrives; for a free end it only sets
+            the direction of the initial straight line.
+        fixed: Per world axis: held at the position of the end effector.
+        spring: Per world axis that is not fixed: stiffness of a spring to the end effector.
+        clamped: The end effector holds tangent and roll; needs all three axes fixed.
+        tangent_spring: If not clamped: stiffness k of a spring that aligns the cable with
+            `tangent`; its moment is k times the sine of the angle between them.
+        roll_spring: If the roll is not held: stiffness of a torsion spring to the roll of the end
+            effector; needs the direction held by `clamped` or `tangent_spring`.
+        tangent: Direction of the cable here, from start towards end, in the end-effector frame;
+            zeros = from start.position to end.position, or with two_points the x axis.
+        offset: Point where the cable is attached, in the end-effector frame.
+        jaw: Length of cable that a clamp holds straight: from an end inwards, or centred on a
+            grasp.
+        frame: Name of the end-effector frame; wrenches stamped with it are rotated to the world
+            frame.
+        pose_topic: Topic of the end-effector pose; empty = it does not move.
+        tf_frame: tf2 frame of the end effector; the node reads the pose from tf2 instead of a
+            topic.
+        pose_type: Message type: PoseStamped, or PoseArray with two points on the line of the cable,
+            the first nearer to the start. The end effector is midway between them; its x axis
+            points from the first to the second and is the tangent.
+        pose_spacing: Distance between two_points; a message that is off by more than 10 % is
+            refused; 0 = any.
+        pose_timeout: Time without poses after which the last pose is held, with a warning.
+        pose_smoothing: Half the window of a local quadratic fit that smooths noisy poses. It delays
+            the poses: a given inputs.latency must be longer by as much; 0 = off.
+    """
+
+    position: Vector = parameter(ORIGIN, "m", (-1.0e8, 1.0e8))
+    fixed: Switches = parameter((True, True, True))
+    spring: Vector = parameter(ORIGIN, "N/m", (0.0, 1.0e12))
+    clamped: bool = parameter(False)
+    tangent_spring: float = parameter(0.0, "N m/rad", (0.0, 1.0e9))
+    roll_spring: float = parameter(0.0, "N m/rad", (0.0, 1.0e9))
+    tangent: Vector = parameter(ORIGIN, "", (-1.0e6, 1.0e6))
+    offset: Vector = parameter(ORIGIN, "m", (-1.0e3, 1.0e3))
+    jaw: float = parameter(0.0, "m", (0.0, 1.0e3))
+    frame: str = parameter("")
+    pose_topic: str = parameter("", read_only=True)
+    tf_frame: str = parameter("", read_only=True)
+    pose_type: str = parameter("pose", choices=("pose", "two_points"), read_only=True)
+    pose_spacing: float = parameter(0.0, "m", (0.0, 1.0e3))
+    pose_timeout: float = parameter(1.0, "s", (0.01, 3600.0))
+    pose_smoothing: float = parameter(0.0, "s", (0.0, 1.0))
+
+    @property
+    def held(self) -> bool:
+        """Whether a fixed axis or a spring connects the cable to the end-effector."""
+        return any(self.fixed) or any(self.spring) or self.tangent_spring > 0.0
+
+    @property
+    def holds_direction(self) -> bool:
+        """Whether it holds the direction of the cable, rigidly or by a spring."""
+        return self.clamped or self.tangent_spring > 0.0
+
+    @property
+    def holds_roll(self) -> bool:
+        """Whether it holds the roll of the cable, rigidly or by a spring."""
+        return self.roll_spring > 0.0
+
+    @property
+    def driven(self) -> bool:
+        """Whether poses from a topic or tf2 move the end-effector."""
+        return bool(self.pose_topic or self.tf_frame)
+
+
+@dataclass(frozen=True)
+class End(Holder):
+    """One end of the cable, `start` (u = 0) or `end` (u = L), and its end-effector.
+
+    Parameters:
+        mass: Point mass at this end.
+    """
+
+    mass: float = parameter(0.0, "kg", (0.0, 1.0e4))
+
+    @property
+    def holds_roll(self) -> bool:
+        """Whether it holds the roll of the cable, rigidly or by a spring."""
+        return self.clamped or super().holds_roll
+
+
+@dataclass(frozen=True)
+class Grasp(Holder):
+    """A gripper that can hold the cable between its ends, and take and release it.
+
+    Parameters:
+        at: Location on the cable: 0 at start, 1 at end; negative = the point nearest to the gripper
+            when it takes the cable.
+        taken: Whether it holds the cable; a point taken during the simulation is held where it is.
+        taken_topic: Topic (Bool): on arrival, true takes the cable and false releases it; `taken`
+            is updated. Empty = only the parameter and the services do this.
+        clamped: The gripper also holds the direction of the cable (not its roll, see `roll`); needs
+            all three axes fixed.
+        slides: The cable can slide through the gripper, which holds it across, and its direction by
+            `tangent_spring`; what resists is friction. It then moves along the cable, and loses it
+            at an end.
+        friction: Coefficient of friction of a gripper that slides; auto (-1) = contact.friction.
+        grip: Force with which the jaws of a gripper that slides press on the cable, all together:
+            it slides where a force along it exceeds friction (grip + force across).
+        roll: The gripper also holds the roll, by a stiff spring: one revolution of twist over the
+            length of the cable turns it by less than 0.001 rad; needs the direction held.
+    """
+
+    name: str = ""
+    at: float = parameter(0.5, "", (-1.0, 1.0))
+    taken: bool = parameter(True)
+    taken_topic: str = parameter("", read_only=True)
+    clamped: bool = parameter(False)
+    roll: bool = parameter(False)
+    slides: bool = parameter(False)
+    friction: float = parameter(-1.0, "", (0.0, 100.0), auto=-1.0)
+    grip: float = parameter(0.0, "N", (0.0, 1.0e6))
+
+    @property
+    def holds_roll(self) -> bool:
+        """Whether it holds the roll of the cable, rigidly or by a spring."""
+        return self.roll or super().holds_roll
+
+
+def holder_rules(name: str, end: Holder, length: float, world: str) -> Rules:
+    """Springs, clamps, roll, jaws, topics and frames that would have no effect."""
+    none, all_fixed = "would do nothing", f"{name}.fixed: [true, true, true]"
+    for axis, stiffness in enumerate(end.spring):
+        if end.fixed[axis] and stiffness > 0.0:
+            why = f"since {name}.fixed[{axis}] is true; set one of them to zero or false"
+            yield f"spring[{axis}]", f"N/m {none}, {why}"
+    if end.clamped and not all(end.fixed):
+        yield "clamped", f"needs {all_fixed} (it is {shown(end.fixed)})"
+    if end.clamped and end.tangent_spring:
+        cure = f"remove it, or set {name}.clamped: false"
+        yield "tangent_spring", f"N m/rad {none} beside a clamp; {cure}"
+    if end.holds_roll and not end.holds_direction:
+        key = "roll_spring" if end.roll_spring else "roll"
+        yield key, f"needs the direction held; set {name}.clamped or {name}.tangent_spring"
+    if end.roll_spring and isinstance(end, End) and end.clamped:
+        cure = f"remove it, or take {name}.tangent_spring instead of the clamp"
+        yield "roll_spring", f"N m/rad {none} beside a clamp; {cure}"
+    if isinstance(end, Grasp):
+        yield from _grasp_rules(name, end, all_fixed)
+    if end.jaw > length:
+        yield "jaw", f"m is longer than the cable, {length:g} m; shorten the jaw"
+    if end.jaw and not end.clamped:
+        cure = f"set {name}.clamped: true, or remove it"
+        yield "jaw", f"m of cable is held straight by a clamp alone; {cure}"
+    if end.pose_type == "two_points" and any(end.tangent):
+        why = f"since {name}.pose_type two_points makes it the x axis"
+        yield "tangent", f"would be ignored, {why}; remove it"
+    if end.pose_type == "pose" and end.pose_spacing:
+        cure = f"set {name}.pose_type to two_points, or remove it"
+        yield "pose_spacing", f"m would be ignored; {cure}"
+    if end.driven and not end.held:
+        key = "pose_topic" if end.pose_topic else "tf_frame"
+        cure = f"set {all_fixed} or remove {name}.{key}"
+        yield key, f"would move nothing, since it holds nothing; {cure}"
+    if end.tf_frame and (end.pose_topic or end.pose_type != "pose"):
+        cure = f"remove {name}.pose_topic and {name}.pose_type, or tf_frame"
+        yield "tf_frame", f"gives the pose; {cure}"
+    if end.tf_frame.startswith("/"):
+        yield "tf_frame", f"is no frame of tf2; give {end.tf_frame.lstrip('/') or 'tool0'}"
+    if end.tf_frame and end.tf_frame == world:
+        yield "tf_frame", "is the world frame, frame_id; give the frame of the end-effector"
+
+
+def _grasp_rules(name: str, grasp: Grasp, all_fixed: str) -> Rules:
+    if grasp.roll and grasp.roll_spring:
+        cure = f"remove it, or set {name}.roll: false"
+        yield "roll_spring", f"N m/rad would do nothing beside {name}.roll: true; {cure}"
+    if not grasp.slides and (grasp.grip or grasp.friction >= 0.0):
+        cure = f"set {name}.slides: true, or remove it"
+        yield "grip" if grasp.grip else "friction", f"does nothing for a cable held fast; {cure}"
+    if grasp.slides and grasp.clamped:
+        cure = f"set {name}.clamped: false; tangent_spring holds the direction"
+        yield "slides", f"is not possible with a clamp; {cure}"
+    if grasp.slides and grasp.holds_roll:
+        yield "slides", f"is not possible where the roll is held; remove {name}.roll"
+    if grasp.slides and not all(grasp.fixed):
+        yield "slides", f"needs {all_fixed} (it is {shown(grasp.fixed)})"
+
+
+def load_rules(key: str, load: Load) -> Rules:
+    """Values of a load that would be ignored."""
+    if load.signal != "none" and load.topic:
+        yield "topic", f"cannot be used with {key}.signal {load.signal}; remove one of them"
+    for part in ("force", "torque") if load.signal == "none" else ():
+        if any(getattr(load, part)):
+            cure = f"set {key}.signal to constant or sine, or remove it"
+            yield part, f"would be ignored; {cure}"
+    if load.type == "force" and any(load.torque):
+        yield "torque", f"would be ignored; set {key}.type to wrench"

@@ -1,0 +1,28 @@
+"""Keys and values that scenes once had, and what becomes of them: they are read, with one line."""
+
+import warnings
+from collections.abc import Mapping
+
+IGNORED = "is ignored; remove it"
+# Key, or key and value -> what is said, and the value in its place, None = the key is left out.
+RETIRED: dict[str | tuple[str, str], tuple[str, str | None]] = {
+    "integrator.zhai_psi": (f"{IGNORED}: zhai has psi = phi = 0.5, of the largest step", None),
+    "integrator.zhai_phi": (f"{IGNORED}: zhai has psi = phi = 0.5, of the largest step", None),
+    ("discretization.mass", "selective"): (f"{IGNORED}: the mass is consistent", None),
+    ("terms.twist", "on"): ("means quasistatic; give that, or auto", "quasistatic"),
+}
+
+
+def without_retired(values: Mapping[str, object]) -> dict[str, object]:
+    """The values without keys and values that are retired, each with a UserWarning of one line."""
+    kept = dict(values)
+    for key, value in values.items():
+        word = "on" if value is True else value  # YAML 1.1 readers, ROS among them
+        pair = (key, word) if isinstance(word, str) else key
+        said, instead = RETIRED.get(key) or RETIRED.get(pair) or ("", None)
+        if said:
+            kept.pop(key)
+            if instead is not None:
+                kept[key] = instead
+            warnings.warn(f"{key}: {word} {said}", stacklevel=4)
+    return kept
