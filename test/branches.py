@@ -88,7 +88,6 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
         obstacles=first.arrays.sizes["obstacles"],
         pieces=first.arrays.contact.pieces + first.arrays.contact.guide_pieces,
         segments=first.arrays.sizes["segments"],
-        constraints=0,
         field_values=first.arrays.sizes["field_values"],
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core.methods import CONSTRAINED, METHODS, RUNGE_KUTTA, SPLITTING, ZHAI, Method
+from dlo_sim.core.methods import RUNGE_KUTTA, SPLITTING, ZHAI, Method
 
 Array = NDArray[np.float64]
 
@@ -34,9 +34,6 @@ def amplification(method: Method, omega: ArrayLike, decay: float = 0.0) -> Array
         ValueError: for an implicit method, which has no limit.
     """
     omega = np.asarray(omega, dtype=float)
-    if method.family == CONSTRAINED:
-        # an oscillator has no constraint, and without one RATTLE is velocity Verlet
-        method = METHODS["velocity_verlet"]
     if method.family == SPLITTING:
         return _splitting(method, omega, decay)
     if method.family == RUNGE_KUTTA:

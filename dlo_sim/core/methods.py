@@ -15,7 +15,6 @@ SPLITTING = "splitting"
 RUNGE_KUTTA = "runge_kutta"
 ZHAI = "zhai"
 IMPLICIT = "implicit"
-CONSTRAINED = "constrained"
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,7 @@ class Method:
         """Force evaluations per step of an explicit method in a long run; 0 for implicit ones."""
         if self.family == RUNGE_KUTTA:
             return len(self.stage_weights)
-        if self.family in (ZHAI, CONSTRAINED):
+        if self.family == ZHAI:
             return 1
         kicks = sum(1 for weight in self.kick_weights if weight)
         # A kick at the very end and one at the very start see the same configuration.
@@ -166,17 +165,6 @@ METHODS: dict[str, Method] = {
             stability_limit=2.0,
             mass_damping=True,
             source="Zhai 1996, Int. J. Numer. Meth. Eng. 39, 4199-4214",
-        ),
-        Method(
-            # inextensible: stretching is left out and the length kept by constraints
-            name="rattle",
-            family=CONSTRAINED,
-            order=2,
-            symmetric=True,
-            symplectic=True,
-            stability_limit=2.0,
-            mass_damping=True,
-            source="Andersen 1983; Hairer, Lubich & Wanner 2006, VII.1.4",
         ),
         Method(
             name="implicit_midpoint",

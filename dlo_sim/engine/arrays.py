@@ -67,7 +67,7 @@ BITS = {
 
 # Bits of the families of methods, beside those of the terms.
 SPLITTING, RUNGE_KUTTA, ZHAI = 1 << 19, 1 << 20, 1 << 21
-CONSTRAINED, IMPLICIT = 1 << 22, 1 << 23
+IMPLICIT = 1 << 23
 
 ENERGIES = ("stretch", "bend", "twist", "torsion", "plasticity", "gravity", "spring", "contact")
 STRETCHING, BENDING, TWISTING, TORSIONAL, PLASTIC, WEIGHT, SPRING, TOUCHING = range(8)
@@ -255,7 +255,6 @@ class State(Group):
     moved = Reals("rigid")  # prescribed displacement since then
     reaction = Reals("rigid")  # mean force over the last step
     reaction_before = Reals("rigid")  # over the step before
-    rates_before = Reals("rigid")  # target rates of the last velocity correction (`rattle`)
     # Strains of a step that the tangent takes, mean and linear part, predicted to first order.
     tension = Lanes("blocks", 2)
     tension = Lanes("blocks", "samples")  # over EA, as last predicted (`engine.tension`)
@@ -347,7 +346,6 @@ class Work(Group):
         "total",  # energy [J]
         "evaluations",  # of forces, or Newton iterations, in a call of `methods.advance`
         "forces_known",  # 1 while `force` is that of the present state, for explicit methods
-        "matrix_known",  # 1 while the factors of `methods.rattle` are those of the present one
         "power",  # of the grasps at the present state [W] (`methods.runge_kutta`)
         "coupled",  # where the factors of the step are: IN_STATE, IN_SKYLINE or IN_ROLLING_BAND
         "touched",  # changes with what touches and slides, at the last forces (`contact.add_force`)
@@ -443,17 +441,6 @@ class Work(Group):
     x_begin = Reals("lines", "columns")
     w_begin = Reals("lines", "columns")
     mean_rate = Reals("lines", "columns")
-    # constraints of an inextensible cable (`methods.rattle`)
-    saddle = Reals("saddle_rows", 32)
-    blank = Reals("saddle_rows", 32)  # its constant entries
-    saddle_side = Reals("saddle_padded")  # right-hand side and solution, from PADDING on
-    response = Reals("saddle_responses", "saddle_rows")  # to a unit force on each row
-    sides = Lanes("saddle_rows")  # eight right-hand sides
-    row_system = Reals("saddle_responses", "saddle_responses")
-    row_factor = Reals("saddle_responses")  # multipliers of the rows
-    holding_force = Reals("saddle_responses")  # reactions to the corrections
-    step_moved = Reals("saddle_responses")  # `moved` of the step
-    correction = Reals("lines", "columns")
 
 
 class CableArrays(Group):
@@ -477,7 +464,6 @@ class CableArrays(Group):
     loads: Loads
     contact: Contact
     chain: Chain
-    length_gram = Reals("constraints", 16)  # of an inextensible cable: 4 x 4 matrix of each
     inputs: Inputs
     state: State
     work: Work

@@ -308,22 +308,6 @@ def substitute_transposed(band, size, dim, x):
             x[at - half + k] -= row[k] * x[at]
 
 
-@part
-def substitute_eight(band, size, dim, sides):
-    """`substitute` for eight right-hand sides, the lanes of `sides` (size,); no padding needed."""
-    half = 4 * dim - 1
-    for r in range(size):
-        value = sides[r]
-        for k in range(max(half - r, 0), half):
-            value -= band[r, k] * sides[r - half + k]
-        sides[r] = value
-    for r in range(size - 1, -1, -1):
-        value = sides[r]
-        for k in range(min(half, size - 1 - r), 0, -1):
-            value -= band[r, half + k] * sides[r + k]
-        sides[r] = value * band[r, half]
-
-
 @piece(void, CABLE, VECTOR, terms=ROLLING)
 def substitute_rolling(cable, x):
     """`substitute` with the factors in `work.rolling_band`, in which the twist is the last of four

@@ -209,7 +209,8 @@ def discrete_force(cable, x0, x1, moved, viscous, out):
             m0, l0 = span_strains(mesh, b, p)
             m1, l1 = span_strains(mesh, b, q)
             f = mesh.linear[b]
-            strain, linear = 0.5 * (m0 + m1), 0.5 * f * (l0 + l1)
+            strain = 0.5 * ((1.0 - kept) * m0 + m1)
+            linear = 0.5 * f * ((1.0 - kept) * l0 + l1)
             if viscous != 0.0:
                 rate, rate_linear = strain_rates(mesh, b, p, q, r)
                 rate_linear = f * rate_linear

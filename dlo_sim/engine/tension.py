@@ -15,7 +15,8 @@ T + EA eps, with EA as the penalty factor of an augmented Lagrangian, and every 
 EA times the strain that remains. Any EA that exceeds the other stiffnesses gives the same solution.
 
 `state.tension` holds T / EA at the quadrature points; eps is the local or the projected strain
-(`engine.elastic`), in a step the mean of those at its two configurations.
+(`engine.elastic`), in a step the mean of those at its two configurations, or half the one at its
+end for a cable of constant length.
 
 Source: mixed integration points, Magisano, Leonetti & Garcea 2017, Int. J. Numer. Meth. Eng. 109,
 1237-1262.
@@ -85,7 +86,7 @@ def predict_tension(cable, x0, x1, moved):
         for j in range(cable.samples):
             xi = mesh.xi[b, j]
             ta, tb = tangent_at(p, xi), tangent_at(q, xi)
-            now = local_strain(cable, xi, s0, ta) + local_strain(cable, xi, s1, tb)
+            now = (1.0 - kept) * local_strain(cable, xi, s0, ta) + local_strain(cable, xi, s1, tb)
             if cable.terms & SPAN_STRETCH:
                 now += rate[0] + xi * rate[1]
             else:
@@ -153,8 +154,8 @@ def unpredicted(cable, x0, x1, moved):
         for j in range(cable.samples):
             xi, f = mesh.xi[b, j], mesh.weight[b, j] * mesh.axial[b]
             ta, tb = tangent_at(p, xi), tangent_at(q, xi)
-            strain = 0.5 * (local_strain(cable, xi, s0, ta) + local_strain(cable, xi, s1, tb))
-            strain = strain - elastic * tension[b, j]
+            strain = elastic * local_strain(cable, xi, s0, ta) + local_strain(cable, xi, s1, tb)
+            strain = 0.5 * strain - elastic * tension[b, j]
             along = dot(combined(1.0, ta, 1.0, tb), tangent_at(r, xi))
             energy += f * strain * strain
             work += f * strain * along / (sqrt(dot(ta, ta)) + sqrt(dot(tb, tb)))

@@ -1,6 +1,6 @@
 """The time loop of all methods: dense output, steps, internal variables, and the energy balance.
 
-A method is a step (`splitting`, `runge_kutta`, `zhai`, `rattle`, `implicit`). A scene loads
+A method is a step (`splitting`, `runge_kutta`, `zhai`, `implicit`). A scene loads
 only its own. Steps are counted from time zero, so that splitting a run into calls changes nothing:
 step number k leads from the time k tau to (k + 1) tau.
 """
@@ -14,7 +14,6 @@ from dlo_sim.compiling.pieces import ARRAY_2D, ARRAY_3D, COUNTS, part, piece
 from dlo_sim.engine.account import update_account
 from dlo_sim.engine.arrays import (
     CABLE,
-    CONSTRAINED,
     DIVERGED,
     IMPLICIT,
     METHOD,
@@ -30,19 +29,16 @@ from dlo_sim.engine.arrays import (
 from dlo_sim.engine.assembly import flow
 from dlo_sim.engine.sampling import begin_sample, end_sample
 from dlo_sim.methods.implicit import implicit_step
-from dlo_sim.methods.rattle import rattle_step
 from dlo_sim.methods.runge_kutta import runge_kutta_step
 from dlo_sim.methods.splitting import splitting_step
 from dlo_sim.methods.works import NATURAL, evaluate, has_work, turn_natural_shape
 from dlo_sim.methods.zhai import zhai_step
 
 
-@piece(int64, METHOD, CABLE, int64, float64, terms=SPLITTING | RUNGE_KUTTA | ZHAI | CONSTRAINED)
+@piece(int64, METHOD, CABLE, int64, float64, terms=SPLITTING | RUNGE_KUTTA | ZHAI)
 def explicit_step(method, cable, step, tau):
     """Step number `step` of a method that is not implicit, as `take_step`."""
-    if method.family == CONSTRAINED:
-        done = rattle_step(method, cable, step, tau)
-    elif method.family == SPLITTING:
+    if method.family == SPLITTING:
         done = splitting_step(method, cable, step, tau)
     elif method.family == RUNGE_KUTTA:
         done = runge_kutta_step(method, cable, step, tau)
@@ -80,7 +76,7 @@ def advance(address, method_address, first, steps, tau, records_address, motions
     cable, method = cable_at(address), method_at(method_address)
     records, results = records_at(records_address), cable.work.results
     ahead, shape, rotations = grid(motions), grid(natural), grid(turns)
-    results.evaluations = results.forces_known = results.matrix_known = 0.0
+    results.evaluations = results.forces_known = 0.0
     status, done = OK, 0
     while status == OK and done < steps:
         step, t0, t1 = first + done, (first + done) * tau, (first + done + 1) * tau

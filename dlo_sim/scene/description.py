@@ -320,7 +320,7 @@ class Scene:
     @property
     def without_tension(self) -> str:
         """Why the tension does not follow from the shape; empty if it does."""
-        if self.terms.stretch == "off" or self.integrator.method == "rattle":
+        if self.terms.stretch == "off":
             return "is not known of a cable that does not stretch"
         if self.cable.shaped or self.plasticity.yield_curvature:
             return "is not known of a cable that is bent at rest or plastic"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
-from dlo_sim.scene.terms import IMPLICIT_METHODS, TERMS, Term, restrictions_of
+from dlo_sim.scene.terms import IMPLICIT_METHODS, TERMS, Term
 
 Vector = NDArray[np.float64]
 _SPACE = (0, 1, 2)
@@ -128,8 +128,7 @@ def needs_of(scene: Scene) -> Needs:
             reasons[name] = _no_twist(scene)[0] if scene.may_twist else term.absent
             warnings += [line for line in [_warning_of_twist(scene)] if needed and line]
         elif name == "stretch" and inextensible(scene):
-            how = "terms.stretch is off" if setting == "off" else "integrator.method: rattle"
-            reasons[name] = f"constraints keep the rest length ({how})"
+            reasons[name] = "the cable keeps its rest length (terms.stretch is off)"
             present.add(name)
         elif setting == "off":
             reasons[name] = f"terms.{name} is off"
@@ -146,11 +145,10 @@ def _warning(term: Term, scene: Scene) -> str:
     """What a scene loses in which a term is needed but switched off: key, loss and cure."""
     cure = "set it to auto"
     if term.name == "stretch":
-        no_rattle = _without_constraint(scene)
-        if no_rattle:
-            cure += f" (rattle, which would keep the length, {no_rattle})"
+        if _taut(scene):
+            cure += " (its length cannot be kept, since its ends pull it taut)"
         else:
-            cure += ", or integrator.method to rattle, which keeps the length"
+            cure += ", or integrator.method to energy_momentum, which keeps the length"
     return f"terms.{term.name}: off, so {term.loss(scene)}; {cure}"
 
 
@@ -169,11 +167,6 @@ def check_terms(scene: Scene, needs: Needs) -> None:
     """
     if scene.terms.contact == "on" and not (scene.bodies or scene.contact.markers):
         raise SceneError("terms.contact: 'on' needs obstacles; name one in obstacles.names")
-    if scene.terms.stretch == "on" and inextensible(scene):
-        raise SceneError(
-            "terms.stretch: 'on' contradicts integrator.method rattle, whose constraints keep the "
-            "length; set terms.stretch to auto or use another method"
-        )
     if scene.terms.out_of_plane == "off" and len(needs.axes) == 3:
         if "frenet" in needs or "plasticity" in needs:
             raise SceneError(
@@ -201,19 +194,11 @@ def check_terms(scene: Scene, needs: Needs) -> None:
 
 
 def inextensible(scene: Scene) -> bool:
-    """Whether the cable keeps its length: stretching is switched off, the method is implicit, and
-    the ends do not pull the cable taut.
+    """Whether the cable keeps its length: stretching is switched off, the method knows multipliers
+    (`engine.tension`), and the ends do not pull the cable taut.
     """
-    implicit = scene.integrator.method in ("auto", *IMPLICIT_METHODS)
-    return scene.terms.stretch == "off" and implicit and not _taut(scene)
-
-
-def _without_constraint(scene: Scene) -> str:
-    """Why constraints cannot keep the length of a scene's cable; empty if they can."""
-    for one in restrictions_of(scene):
-        if "rattle" not in one.methods:
-            return f"is not valid with {one.asked(scene)}"
-    return "cannot step a cable taut between fixed ends" if _taut(scene) else ""
+    knows = scene.integrator.method in KEEPING_LENGTH
+    return scene.terms.stretch == "off" and knows and not _taut(scene)
 
 
 def _taut(scene: Scene) -> bool:
@@ -256,13 +241,13 @@ def _twist_model(scene: Scene) -> str:
     if _no_twist(scene)[0]:
         return "off"
     held = any(holder.holds_roll for holder in scene.holders.values())
-    return "quasistatic" if held and not (scene.may_roll or inextensible(scene)) else "bishop"
+    return "quasistatic" if held and not scene.may_roll else "bishop"
 
 
 def _no_twist(scene: Scene) -> tuple[str, str]:
     """Why `auto` can have no twist, and the cure where that matters; empty if it can."""
     method = scene.integrator.method
-    if method not in (*IMPLICIT_METHODS, "rattle"):
+    if method not in IMPLICIT_METHODS:
         return f"{method} knows only that of terms.twist: frenet", "use energy_momentum"
     if scene.terms.bend == "off" or scene.cable.EI == 0.0:
         return "the cable does not resist bending, by which twist acts on the shape", "let it bend"

@@ -54,8 +54,8 @@ class Terms:
     """Terms of the model: `auto`, `on`, `off`, or a variant of the term.
 
     Parameters:
-        stretch: Axial stretching energy. If off and integrator.method is auto, the cable is
-            inextensible (rattle) where possible.
+        stretch: Axial stretching energy. If off, the cable keeps its length (with energy_momentum
+            and energy_momentum_4, unless its ends pull it taut).
         bend: Bending energy.
         twist: Torsional energy and twist angle theta. bishop: in a rotation-minimising frame, so
             that twist and shape act on each other, and friction of obstacles rolls the cable;

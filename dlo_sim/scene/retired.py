@@ -4,12 +4,19 @@ import warnings
 from collections.abc import Mapping
 
 IGNORED = "is ignored; remove it"
-# Key, or key and value -> what is said, and the value in its place, None = the key is left out.
-RETIRED: dict[str | tuple[str, str], tuple[str, str | None]] = {
-    "integrator.zhai_psi": (f"{IGNORED}: zhai has psi = phi = 0.5, of the largest step", None),
-    "integrator.zhai_phi": (f"{IGNORED}: zhai has psi = phi = 0.5, of the largest step", None),
-    ("discretization.mass", "selective"): (f"{IGNORED}: the mass is consistent", None),
-    ("terms.twist", "on"): ("means quasistatic; give that, or auto", "quasistatic"),
+# Key, or key and value -> what is said, and the values in its place.
+RETIRED: dict[str | tuple[str, str], tuple[str, dict[str, str]]] = {
+    "integrator.zhai_psi": (f"{IGNORED}: zhai has psi = phi = 0.5, of the largest step", {}),
+    "integrator.zhai_phi": (f"{IGNORED}: zhai has psi = phi = 0.5, of the largest step", {}),
+    ("discretization.mass", "selective"): (f"{IGNORED}: the mass is consistent", {}),
+    ("terms.twist", "on"): (
+        "means quasistatic; give that, or auto",
+        {"terms.twist": "quasistatic"},
+    ),
+    ("integrator.method", "rattle"): (
+        "means energy_momentum with terms.stretch off; give these",
+        {"integrator.method": "energy_momentum", "terms.stretch": "off"},
+    ),
 }
 
 
@@ -19,10 +26,9 @@ def without_retired(values: Mapping[str, object]) -> dict[str, object]:
     for key, value in values.items():
         word = "on" if value is True else value  # YAML 1.1 readers, ROS among them
         pair = (key, word) if isinstance(word, str) else key
-        said, instead = RETIRED.get(key) or RETIRED.get(pair) or ("", None)
+        said, instead = RETIRED.get(key) or RETIRED.get(pair) or ("", {})
         if said:
             kept.pop(key)
-            if instead is not None:
-                kept[key] = instead
+            kept.update(instead)
             warnings.warn(f"{key}: {word} {said}", stacklevel=4)
     return kept

@@ -159,8 +159,8 @@ IMPLICIT = ("energy_momentum", "implicit_midpoint", "energy_momentum_4")
 IMPLICIT_METHODS = ("auto", *IMPLICIT)  # values with which steps may be implicit
 FORWARD = ("energy_momentum", "implicit_midpoint")  # implicit, without negative sub-steps
 LOSSY = (*FORWARD, *EXPLICIT)
-SINGLE = (*FORWARD, "velocity_verlet", "rk4", "zhai", "rattle")
-NOT_EXPLICIT = (*IMPLICIT, "rattle")
+SINGLE = (*FORWARD, "velocity_verlet", "rk4", "zhai")
+KEEPING_LENGTH = ("auto", "energy_momentum", "energy_momentum_4")  # with terms.stretch: off
 
 
 @dataclass(frozen=True)
@@ -248,7 +248,7 @@ _POINT_MASS = " beside a point mass (start.mass, end.mass)"
 RESTRICTIONS = (
     Restriction(EXPLICIT, "terms.twist", _of_twist("frenet"), "auto"),
     Restriction(IMPLICIT, "terms.twist", _of_twist("quasistatic"), "auto"),
-    Restriction(NOT_EXPLICIT, "terms.twist", _of_twist("bishop"), "off"),
+    Restriction(IMPLICIT, "terms.twist", _of_twist("bishop"), "off"),
     Restriction(FORWARD, "contact.self", _on, "off"),
     Restriction(FORWARD, "damping.stiffness", _of_damping("stiffness")),
     Restriction(FORWARD, "damping.stretch", _of_damping("stretch")),
@@ -261,7 +261,7 @@ RESTRICTIONS = (
     ),
     Restriction(IMPLICIT, "damping.air_drag_ratio", _turned_drag, "1.0"),
     Restriction(IMPLICIT, "water.density", lambda scene: scene.water.density),
-    Restriction(NOT_EXPLICIT, "hose.pressure", lambda scene: scene.hose.pressure),
+    Restriction(IMPLICIT, "hose.pressure", lambda scene: scene.hose.pressure),
     Restriction(
         IMPLICIT,
         "damping.air_drag",
@@ -279,9 +279,9 @@ RESTRICTIONS = (
     Restriction(
         FORWARD, "slides", _sliding, "false", ", since its steps cannot let the cable slide"
     ),
-    Restriction(NOT_EXPLICIT, "grasps.names", _grasping, "[]"),
-    Restriction(NOT_EXPLICIT, "roll_spring", _rolled),
-    Restriction(NOT_EXPLICIT, "cable.rest_curvature", _shaped, "[0.0]"),
+    Restriction(IMPLICIT, "grasps.names", _grasping, "[]"),
+    Restriction(IMPLICIT, "roll_spring", _rolled),
+    Restriction(IMPLICIT, "cable.rest_curvature", _shaped, "[0.0]"),
     Restriction(IMPLICIT, "measured.type", _measured, "none"),
 )
 

@@ -10,7 +10,6 @@ from dlo_sim.core.bspline import DEGREE
 from dlo_sim.engine import arrays
 from dlo_sim.engine.arrays import MARGIN, PADDING
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.needs import inextensible
 
 Array = NDArray[np.float64]
 # Pairs of segments that touch each other, for every segment, and of spans, for every span.
@@ -37,7 +36,6 @@ def sizes_of(
     obstacles: int,
     pieces: int,
     segments: int,
-    constraints: int,
     field_values: int = 0,
 ) -> dict[str, int]:
     """Sizes of all dimensions that `engine.arrays` names.
@@ -46,8 +44,7 @@ def sizes_of(
         terms: bits of the active terms. rigid: rows, of which `border` between control points;
             springs: other rows, of which `joints` between two branches. pieces: groups of samples
             of a span that touch bodies, 0 without obstacles. segments: of a span, that touch each
-            other, or 0. constraints: of the length, 0 if the cable is extensible. field_values: of
-            meshes that are obstacles.
+            other, or 0. field_values: of meshes that are obstacles.
     """
     lines, unknowns = dim + twist, n * dim
     spans = n - DEGREE
@@ -55,7 +52,6 @@ def sizes_of(
     bishop, curved, plastic = (
         bool(terms & bit) for bit in (arrays.BISHOP, arrays.CURVED, arrays.PLASTICITY)
     )
-    saddle = n * (dim + 1) + 1 if constraints else 0
     chain, rolls = bool(segments), bool(terms & arrays.ROLLING)
     pairs = PAIRS * segments * (n - DEGREE)
     return {
@@ -83,7 +79,6 @@ def sizes_of(
         "rolling_unknowns": (dim + 1) * n * rolls,
         "rolling_padded": ((dim + 1) * n + 2 * PADDING) * rolls,
         "field_values": field_values,
-        "constraints": constraints,
         "segments": segments,
         "corners": (segments + 1) * chain,
         "corner_rows": 3 * (segments + 1) * chain,
@@ -104,9 +99,6 @@ def sizes_of(
         "frame_grasps": grasps * bishop,
         "curved_blocks": blocks * curved,
         "plastic_blocks": blocks * plastic,
-        "saddle_rows": saddle,
-        "saddle_padded": saddle + 2 * PADDING if constraints else 0,
-        "saddle_responses": rigid if constraints else 0,
     }
 
 
@@ -136,7 +128,6 @@ def most_sizes(scene: Scene, n: int, samples: int, pieces: int, segments: int) -
         obstacles=max(len(scene.bodies), len(scene.obstacles) + scene.contact.markers),
         pieces=pieces,
         segments=segments,
-        constraints=n - 1 if inextensible(scene) else 0,
     )
 
 

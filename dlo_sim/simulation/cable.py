@@ -429,7 +429,7 @@ class Cable:
         self.w[:] = self.model.to_lines(rates)
         self.call(between_steps.keep_free_motion)
         state = self.arrays.state
-        for cleared in (state.history, state.acceleration, state.rates_before):
+        for cleared in (state.history, state.acceleration):
             cleared[:] = 0.0
         self._forget_history()
         if follow:

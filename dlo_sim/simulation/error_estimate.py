@@ -53,7 +53,7 @@ from dlo_sim.simulation.geometry import Pose
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import DiscretizationError, Report, newton_note
 from dlo_sim.simulation.resolution import MOST_CONTROL_POINTS, raised
-from dlo_sim.simulation.selection import accurate_step, safe_share
+from dlo_sim.simulation.selection import SAFETY, accurate_step
 from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
@@ -422,7 +422,7 @@ def _finer(original: Simulator, part: str, place: _Place) -> _Finer | None:
         values["discretization.samples"] = max(choice.samples, 2 * finer_spans)
     if explicit:
         limit = place(scene.with_values(values | {"integrator.step": 0.0})).choice.limit
-        per_step = math.ceil(step / (safe_share(original.choice.method) * limit) - 1e-6)
+        per_step = math.ceil(step / (SAFETY * limit) - 1e-6)
         values["integrator.step"] = step / per_step
     return _Finer(scene.with_values(values), per_step, (finer_spans / spans) ** _space_order(scene))
 

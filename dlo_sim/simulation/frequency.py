@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import mass, spectrum
-from dlo_sim.core.constant_length import constraint_gram
 from dlo_sim.engine.arrays import TORSION
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.needs import inextensible
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
 
@@ -22,16 +20,13 @@ def largest_frequency(scene: Scene, cable: Cable) -> float:
     """Largest natural frequency omega [rad/s] of K x = omega^2 M x at the present configuration,
     over the motions that satisfy the constraints of the grasps.
 
-    For an inextensible cable only motions that keep the length count. The eigenvalue problem is
-    solved as a dense one, or by Lanczos iteration if the cable is extensible and has over
+    The eigenvalue problem is solved as a dense one, or by Lanczos iteration if the cable has over
     DENSE_LIMIT unknowns; that estimate is from below and converges first at this end of the
     spectrum.
     """
     model = cable.model
     dim = len(model.axes)
-    constrained = False
-    is_dense = constrained or dim * model.n <= DENSE_LIMIT
-    value = _dense(cable, constrained) if is_dense else _lanczos(cable)
+    value = _dense(cable) if dim * model.n <= DENSE_LIMIT else _lanczos(cable)
     if model.twist:
         held = model.held_mask()[dim]
         twisting = spectrum.largest_of_line(model.twisting_stiffness, model.mass(dim), ~held)
@@ -60,22 +55,7 @@ def _held_rows(cable: Cable) -> Array:
     return np.array(rows).reshape(len(rows), model.n * dim)
 
 
-def _length_gradients(cable: Cable) -> Array:
-    """Gradients of the length constraints at the present configuration, times the cable length.
-
-    Shape (n - 1, n dim), the spatial unknowns ordered by control point.
-    """
-    model = cable.model
-    dim, n = len(model.axes), model.n
-    rows = np.zeros((n - 1, n, dim))
-    for j, gram in enumerate(constraint_gram(model.knots)):
-        first = min(max(j - 1, 0), n - 4)
-        here = slice(first, first + 4)
-        rows[j, here] = model.knots[-1] * gram @ cable.x[:dim, here].T
-    return rows.reshape(n - 1, n * dim)
-
-
-def _dense(cable: Cable, constrained: bool) -> float:
+def _dense(cable: Cable) -> float:
     model = cable.model
     dim, n = len(model.axes), model.n
     stiffness = spectrum.dense(cable.stiffness(), 4 * dim - 1)
@@ -83,8 +63,6 @@ def _dense(cable: Cable, constrained: bool) -> float:
     for d in range(dim):
         inertia[d::dim, d::dim] = mass.dense(model.mass(d))
     rows = _held_rows(cable)
-    if constrained:
-        rows = np.concatenate((rows, _length_gradients(cable)))
     return spectrum.largest_of_dense(stiffness, inertia, rows)
 
 

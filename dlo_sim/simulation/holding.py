@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from dlo_sim.core import bspline, rotations
 from dlo_sim.engine.sliding import NEXT
 from dlo_sim.scene.description import EARTH, Grasp, Holder, Scene
-from dlo_sim.scene.needs import inextensible
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.geometry import Geometries, Geometry
 
@@ -162,7 +161,8 @@ def holding_of(
         SceneError: a grasp holds a point that is already held.
     """
     n = scene.discretization.control_points
-    holding, ends = Holding(), _end_springs(scene, geometries)
+    holding = Holding()
+    ends = np.array([end.spring for end in scene.ends.values()], dtype=float)  # [N/m]
     directions: list[Row] = []
     between: list[Row] = []
     for grasp, (name, holder) in enumerate(scene.holders.items()):
@@ -301,15 +301,3 @@ def across(end: Geometry, axes: tuple[int, ...]) -> list[Array]:
     side = np.cross(tangent, helper)
     side /= math.hypot(*side)
     return [side, np.cross(tangent, side)]
-
-
-def _end_springs(scene: Scene, ends: Geometries) -> Array:
-    """Stiffness [N/m] of both ends along x, y, z, shape (2, 3)."""
-    stiffness = np.array([end.spring for end in scene.ends.values()], dtype=float)
-    if inextensible(scene) and scene.cable.EA > 0.0:
-        # The axial compliance of the cable, which an inextensible one lacks, goes half to each end.
-        line = ends["end"].attachment - ends["start"].attachment
-        share = (line / max(math.hypot(*line), 1e-300)) ** 2
-        compliance = 0.5 * share * scene.cable.length / scene.cable.EA
-        stiffness = stiffness / (1.0 + stiffness * compliance)
-    return stiffness

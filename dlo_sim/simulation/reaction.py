@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
 from dlo_sim.engine.reaction import add_wrench
-from dlo_sim.methods import rattle
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
 
@@ -15,17 +14,16 @@ Array = NDArray[np.float64]
 _OF_LAST_STEPS = np.zeros(0)  # tells `add_wrench` to use the reactions of the last steps
 
 
-def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Array:
+def reaction(cable: Cable, t: float, grasp: int) -> Array:
     """Force [N] and moment [N m] of an end effector on the cable, world frame, shape (6,).
 
     The moment is about the held point. The part of the constraint rows is the mean over the last
     two steps of an implicit method, from one to the next of which that of a stiff cable alternates
-    after a jump; else the present value, which for an inextensible cable (`keeps_length`) includes
-    the constraint forces. The part of the springs is the present value.
+    after a jump; else the present value. The part of the springs is the present value.
     """
     rows = _OF_LAST_STEPS
     if not cable.account.reactions:
-        rows = _held_with_constraints(cable, t) if keeps_length else cable.held_force(t)
+        rows = cable.held_force(t)
     points = cable.points
     about = points[-grasp, :3] if grasp < 2 else _place_of(cable.model, grasp, points, cable.slides)
     wrench = np.zeros(6)
@@ -48,24 +46,3 @@ def _place_of(model: Model, grasp: int, points: Array, slides: Array) -> Array:
         return np.zeros(3)
     first = places[0].first
     return (np.array(places[0].weights)[:, None] * points[first : first + 4, :3]).sum(axis=0)
-
-
-def _held_with_constraints(cable: Cable, t: float) -> Array:
-    """Forces of the grasps on the constraint rows at time t, shape (rows,), where the forces of the
-    length constraints act too.
-    """
-    force = cable.forces(t, cable.velocities(t))
-    held = cable.held_force(t, force)
-    model = cable.model
-    acceleration = cable.free_acceleration(force, keep=False)
-    shifts = cable.shifts
-    for k, row in enumerate(model.holding.rows):
-        shift = held[k] * shifts[row.point]
-        if row.line >= 0:
-            acceleration[row.line] += shift
-        else:
-            acceleration[: len(model.axes)] += np.outer(cable.directions[k], shift)
-    lines = cable.padded(force)
-    v = cable.padded(cable.velocities(t))
-    cable.call(rattle.add_constraint_force, v, cable.padded(acceleration), lines)
-    return cable.held_force(t, cable.shown(lines))

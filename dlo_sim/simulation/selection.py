@@ -9,15 +9,13 @@ from itertools import combinations
 import numpy as np
 
 from dlo_sim.core.amplification import largest_step
-from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, METHODS, RUNGE_KUTTA, ZHAI, Method
+from dlo_sim.core.methods import IMPLICIT, METHODS, RUNGE_KUTTA, ZHAI, Method
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.needs import inextensible
 from dlo_sim.scene.terms import restrictions_of
 
 SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
 CLAMPED_SHARE = 0.75  # of explicit steps beside a clamp, whose span stretches and shortens most
-CONSTRAINED_SAFETY = 0.8  # the pull of a fast inextensible cable adds to its frequencies
 WORTH_COMPOSING = 0.8  # of the sub-steps of energy_momentum, from which fourth order is chosen
 FAR_LESS = 0.5  # of the work, from which another method is worth a word
 # Force evaluations that take as long as an implicit sub-step. Measured with energy_momentum against
@@ -122,9 +120,9 @@ def _chosen_step(scene: Scene, method: Method, limit: float) -> tuple[float, str
     Message stamps have no finer unit than a nanosecond, so step times are exact in both.
     """
     step, why = accurate_step(scene, method)
-    stable = safe_share(method) * limit
+    stable = SAFETY * limit
     if stable < step:
-        step, why = stable, f"{safe_share(method):g} of the stability limit {limit:.3g} s"
+        step, why = stable, f"{SAFETY:g} of the stability limit {limit:.3g} s"
     clamped = any(end.clamped for end in scene.ends.values())
     if clamped and method.family != IMPLICIT:
         step, why = CLAMPED_SHARE * step, f"{CLAMPED_SHARE:g} for the clamp; {why}"
@@ -135,11 +133,6 @@ def _chosen_step(scene: Scene, method: Method, limit: float) -> tuple[float, str
         step = period / np.ceil(period / step)  # ticks end on steps
     step = max(np.floor(step * 1e9 + 1e-3), 1.0) * 1e-9
     return float(step), f"step {step:.4g} s: {why}"
-
-
-def safe_share(method: Method) -> float:
-    """Share of the linear stability limit up to which a step is chosen."""
-    return CONSTRAINED_SAFETY if method.family == CONSTRAINED else SAFETY
 
 
 def accurate_step(scene: Scene, method: Method = METHODS["energy_momentum"]) -> tuple[float, str]:

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline, rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.core.methods import CONSTRAINED, IMPLICIT
+from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.core.strain import strain
 from dlo_sim.engine.arrays import ENERGIES, MATERIAL, SLIDING, TORSION
 from dlo_sim.engine.frames import curve_frames
@@ -528,8 +528,7 @@ class Simulator:
     def reaction_wrench(self, end: str) -> tuple[float, ...]:
         """`reaction` as six floats: force, then moment."""
         number = list(self.scene.holders).index(known_holder(self.scene, end))
-        keeps_length = self.choice.method.family == CONSTRAINED
-        return tuple(reaction(self.cable, self.time, number, keeps_length).tolist())
+        return tuple(reaction(self.cable, self.time, number).tolist())
 
     # -- steps ------------------------------------------------------------------------------------
 
@@ -1040,8 +1039,7 @@ class Simulator:
         self._need(needs)
         self._ends.set_state(end, after)
         self._turn_natural_shape()
-        if self.choice.method.family not in (IMPLICIT, CONSTRAINED):
-            # Implicit steps account for the jump exactly, and constraints need a step to follow.
+        if self.choice.method.family != IMPLICIT:  # implicit steps account for the jump exactly
             self.cable.jump(self.time, lambda points: self._ends.put(points, self.time))
 
     def _needs_moved(self, end: str) -> Needs:
@@ -1327,11 +1325,11 @@ class Simulator:
         counts as work of the loads.
 
         Raises:
-            TypeError, ValueError: not such numbers, or a shape without a finite energy; a method
-                whose constraints keep the length.
+            TypeError, ValueError: not such numbers, or a shape without a finite energy; a cable
+                of constant length.
         """
         if inextensible(self.scene):
-            raise ValueError("correct: breaks the constraints of rattle; use energy_momentum")
+            raise ValueError("correct: terms.stretch: off keeps the length; set it to auto")
         points, rates, cable = self.cable.points, self.velocities, self.cable
         shape = len(points), 3
         points[:, :3] += arguments.numbers("shift", shift, shape, "m")

@@ -24,13 +24,8 @@ gradient flow (`relax`),
 whose pseudo-time s grows as long as Newton's method converges, so that the descent ends in Newton's
 method and does not stop at unstable shapes on the way.
 
-A thin cable is up to a billion times stiffer along itself than across. A correction that turns it
-stretches it in second order, and the tension which that seems to cause dwarfs all other forces: the
-plain Newton method then crawls. So the tension of the tangent matrix is not that of the present
-shape but that which the linear system itself predicted (the mixed iteration of Magisano, Leonetti &
-Garcea 2017, Int. J. Numer. Meth. Eng. 109, 1237-1262): the same equations and the same solution,
-found in a handful of iterations whatever the stiffness. (The guard of knot spans,
-`engine.span_guard`, needs no such treatment: 700 everyday scenes took as many iterations.)
+A thin cable is up to a billion times stiffer along itself than across: the tension is an unknown of
+its own (`engine.tension`), without which Newton's method would crawl.
 
 Twist that acts on the shape is found with it, by the same steps for all unknowns. They are those
 of the frames that follow the present shape: there shape and twist of each point act on its
@@ -38,8 +33,8 @@ neighbours only, and the matrix is that of an energy, whose positive definitenes
 cable is stable. Its part that couples shape and twist comes from finite differences, which cost as
 many evaluations of the forces for any number of points.
 
-Inextensible cables come to rest by dynamic relaxation: steps in time with kinetic damping (Cundall
-1976).
+A cable of constant length is first found as an elastic one, with the penalty factor of
+`engine.tension` as EA, whose tension then is the multiplier that it starts with.
 """
 
 from __future__ import annotations
@@ -54,31 +49,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, elimination, mass, rotations
-from dlo_sim.core.methods import METHODS
 from dlo_sim.engine.arrays import (
     ANY_STRETCH,
     BISHOP,
     CONTACT,
-    CURVED,
     GRAVITY,
     MATERIAL,
     PLASTICITY,
 )
 from dlo_sim.engine.contact import EARTH, STIFFNESS
-from dlo_sim.methods import rattle
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.needs import inextensible, needs_of
-from dlo_sim.simulation.build_model import build_model
+from dlo_sim.scene.needs import inextensible
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
-from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import Geometries, Geometry, first_shape, held_places
 from dlo_sim.simulation.obstacles import PLACES, bend_radius, gaps, inside
 from dlo_sim.simulation.resolution import RADIUS, resolved
 from dlo_sim.simulation.self_contact import nearest
 from dlo_sim.simulation.soundness import leaves_clamp_backwards, unexplained_stretch
-from dlo_sim.simulation.stepper import Stepper
 
 Array = NDArray[np.float64]
 Lay = Callable[[], None]
@@ -115,8 +104,6 @@ CONVERGED, EXACT = 1e-4, 1e-12  # last correction: share of that of the step, or
 LOOSE = 1e-2  # the former with twist
 
 PROJECTING = 1e-4  # of the first step, in which a cable only comes to its length
-RESTS = 3  # stops in a row within the tolerance
-FREQUENCY = 6  # row of a load, after force and moment
 
 
 def place(
@@ -146,8 +133,8 @@ def place(
         Whether what presses it is to stay: in equilibrium, or until the other shape is there.
 
     Raises:
-        SceneError: no equilibrium was found, an inextensible cable cannot reach both ends, or the
-            cable begins in an obstacle.
+        SceneError: no equilibrium was found, a cable of constant length cannot reach both ends, or
+            the cable begins in an obstacle.
     """
     return _FirstShape(scene, geometries, ends, cable, lay).place(near, continues)
 
@@ -243,8 +230,8 @@ class _FirstShape:
             )
 
     def _keep_length(self, resting: bool) -> bool:
-        """Whether a cable of constant length came to that length, with `resting` to rest there, from
-        the present shape of an elastic one whose EA is the penalty factor of `engine.tension`.
+        """Whether a cable of constant length came to that length, with `resting` to rest there,
+        from the present shape of an elastic one with the penalty factor of `engine.tension` as EA.
         """
         cable = self._cable
         cable.take_tension(at_rest=resting)
@@ -512,50 +499,6 @@ class _FirstShape:
         return found
 
     # -- by steps in time -------------------------------------------------------------------------
-
-    def _stop(self) -> None:
-        """Take the velocity away, with the ends where they are held."""
-        points = self._cable.points
-        self._ends.put(points, 0.0)
-        self._cable.put(points, np.zeros_like(points))
-        self._align()
-
-    def _relax_in_time(self, step: float) -> bool:
-        """Let the cable come to rest from its present shape; whether it did. Sine loads are left
-        out.
-
-        Whenever the kinetic energy falls, the velocity is taken away, until the cable moves by less
-        than a tolerance [of the length, or of 1 rad] between two stops RESTS times in a row. Where
-        it does not within the most steps of `step` [s], it is left as it was.
-        """
-        cable, (tolerance, max_steps) = self._cable, INEXTENSIBLE
-        stepper = Stepper(self._scene, cable, METHODS["rattle"], step)
-        state, inputs = cable.state.copy(), cable.inputs.copy()
-        peak, still = 0.0, 0
-        try:
-            if cable.loads.size:
-                cable.loads[cable.loads[:, FREQUENCY] > 0.0, :FREQUENCY] = 0.0
-            self._stop()
-            cable.open_account(self._scene)
-            resting = cable.x.copy()
-            for _ in range(max_steps):
-                if not stepper.run(0, 1).status.ok:
-                    break
-                kinetic = cable.kinetic()
-                if kinetic > peak:
-                    peak = kinetic
-                    continue
-                self._stop()
-                cable.open_account(self._scene)
-                still = still + 1 if _relative_movement(cable, resting) < tolerance else 0
-                if still == RESTS:
-                    return True
-                resting[:] = cable.x
-                peak = 0.0
-        finally:
-            cable.inputs[:] = inputs
-        cable.state[:] = state
-        return False
 
 
 class _Way:

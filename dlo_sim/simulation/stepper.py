@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, RUNGE_KUTTA, SPLITTING, ZHAI, Method
+from dlo_sim.core.methods import IMPLICIT, RUNGE_KUTTA, SPLITTING, ZHAI, Method
 from dlo_sim.engine import arrays
 from dlo_sim.engine.account import DIVERGED_SHARE
 from dlo_sim.methods import implicit
@@ -35,7 +35,6 @@ _FAMILIES = {
     SPLITTING: arrays.SPLITTING,
     RUNGE_KUTTA: arrays.RUNGE_KUTTA,
     ZHAI: arrays.ZHAI,
-    CONSTRAINED: arrays.CONSTRAINED,
     IMPLICIT: arrays.IMPLICIT,
 }
 
@@ -174,8 +173,8 @@ class Stepper:
         Returns:
             Whether it succeeded, and the force evaluations or Newton iterations used.
         """
-        helps = IMPLICIT if status is Status.DIVERGED else CONSTRAINED
-        if self.method.family != helps or self._cable.share_open() > SOUND_SHARE:
+        helps = status is Status.DIVERGED and self.method.family == IMPLICIT
+        if not helps or self._cable.share_open() > SOUND_SHARE:
             return False, 0
         self._kept[:] = self._cable.state
         sample, evaluations = recorder.count, 0

@@ -15,7 +15,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report
-from dlo_sim.simulation.selection import safe_share
+from dlo_sim.simulation.selection import SAFETY
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.tuning.setting import Setting
 
@@ -156,7 +156,7 @@ def longest_step(scene: Scene) -> float:
         SceneError: the scene refuses the method.
     """
     choice = Simulator(scene).choice
-    return float(min(safe_share(choice.method) * choice.limit, 1.0 / scene.rate))
+    return float(min(SAFETY * choice.limit, 1.0 / scene.rate))
 
 
 def at_share(job: Job, setting: Setting, share: float) -> Setting:

@@ -3,8 +3,8 @@ limit."""
 
 import numpy as np
 import pytest
-
 from dlo_sim.core.constant_length import constraint_slopes
+
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.loading import SceneError, find_scene, load_scene
 from dlo_sim.simulation.simulator import Simulator
