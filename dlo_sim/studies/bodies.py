@@ -253,7 +253,7 @@ def slope(step: float) -> Measured:
     return Measured(answers, seconds, sim)
 
 
-def lifted(clamped: bool, points: int, step: float = 1e-3, lift: float = LIFT) -> Measured:
+def lifted(clamped: bool, points: int) -> Measured:
     """The end of a lying cable lifted by delta, and held horizontal or pinned: it lifts off over
     a = (72 EI delta / w)^(1/4) or (24 EI delta / w)^(1/4). A stiffness k of the table lets it lift
     off earlier, by (4 EI / k)^(1/4).
@@ -261,11 +261,11 @@ def lifted(clamped: bool, points: int, step: float = 1e-3, lift: float = LIFT) -
     held: Values = {"discretization.control_points": points, "end.fixed": [False, False, True]}
     if clamped:
         held |= {"end.fixed": [True] * 3, "end.clamped": True}
-    sim = simulator(LYING, LIFTED, held, step=step)
-    way = np.array([0.0, 0.0, lift / 0.5])
+    sim = simulator(LYING, LIFTED, held, step=1e-3)
+    way = np.array([0.0, 0.0, LIFT / 0.5])
     sim.set_motion("end", motion(0.5, np.array([0.6, 0.0, 0.0025]), way))
     seconds = advanced(sim, 6.0)
-    length = ((72.0 if clamped else 24.0) * EI * lift / WEIGHT) ** 0.25
+    length = ((72.0 if clamped else 24.0) * EI * LIFT / WEIGHT) ** 0.25
     u = np.linspace(sim.contact("table").u.max(), 0.6, 20_001)
     off = u[np.flatnonzero(sim.centerline(u)[:, 2] > 0.0025)[0]]
     force, moment = sim.reaction("end")
@@ -299,13 +299,7 @@ def wound(wrap: float) -> tuple[float, Callable[[float], tuple[float, float, flo
     return length, place
 
 
-def capstan(
-    wrap: float,
-    points: int,
-    drum: Values | None = None,
-    step: float = 1e-3,
-    friction: float = DRUM_FRICTION,
-) -> Measured:
+def capstan(wrap: float, points: int, drum: Values | None = None) -> Measured:
     """A flexible cable drawn slowly over a drum against 1 N: the pull is exp(mu wrap) N.
 
     `drum`: what else than a cylinder it is, of diameter 0.1 m about the y axis.
@@ -331,13 +325,13 @@ def capstan(
             "obstacles.drum.shape": "cylinder",
             "obstacles.drum.size": [2.0 * DRUM, 2.0 * DRUM, 0.2],
             "obstacles.drum.orientation": [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)],
-            "obstacles.drum.friction": friction,
+            "obstacles.drum.friction": DRUM_FRICTION,
             "contact.stiffness": STIFF,
             "discretization.control_points": points,
             "terms.out_of_plane": "off",
         },
         drum or {},
-        step=step,
+        step=1e-3,
     )
     shape = np.zeros((points, 4))
     shape[:, :3] = bspline.interpolate(sim.model.knots, np.array([place(u) for u in sim.greville]))
@@ -347,7 +341,7 @@ def capstan(
     for _ in range(40):
         seconds += advanced(sim, 0.03)
         pulls.append(float(np.linalg.norm(sim.reaction("start")[0])))
-    exact = math.exp(friction * wrap)
+    exact = math.exp(DRUM_FRICTION * wrap)
     return Measured((Answer("pull [N]", exact, float(np.mean(pulls)), 0.01),), seconds, sim)
 
 

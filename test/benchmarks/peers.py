@@ -11,8 +11,12 @@ needs none. Simulators whose variable is not set, or that fail, are reported as 
 
 from __future__ import annotations
 
+import json
 import os
+import subprocess
 import sys
+import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +24,6 @@ import numpy as np
 
 from dlo_sim.batch.workers import HERE
 from dlo_sim.studies import Request
-from dlo_sim.studies.contact_peers import replies
 from dlo_sim.studies.report import Array, Report
 from dlo_sim.studies.work_precision import (
     CLOSED,
@@ -33,6 +36,7 @@ from dlo_sim.studies.work_precision import (
     swept,
 )
 
+TIMEOUT = 900.0  # [s] for all settings of a simulator on a case
 SCRIPT = Path(__file__).with_name("peer.py")
 # Name -> its argument of peer.py, and the variable that names its Python; empty: the present one.
 PEERS = {
@@ -77,11 +81,35 @@ def peer_runs(case: Case, truth: Array, quick: bool, absent: list[str]) -> list[
             continue
         settings = [one.partition("/") for one in words.split()[: 1 if quick else None]]
         jobs = [_job(case, int(n), float(step or 0.0)) for n, _, step in settings]
-        found_there, trouble = replies(python, [str(SCRIPT), peer], jobs)
+        found_there, trouble = replies(python, peer, jobs)
         absent += [f"{name} on {case.name}: {trouble}"] if trouble else []
         for job, reply in zip(jobs, found_there, strict=False):
             found.append(_judged(f"{name} {reply['version']}".strip(), case, truth, job, reply))
     return found
+
+
+def replies(
+    python: str, peer: str, jobs: Sequence[dict[str, Any]]
+) -> tuple[list[dict[str, Any]], str]:
+    """Results of jobs, and what went wrong if there are fewer."""
+    try:
+        # MuJoCo writes a log to its working directory.
+        with tempfile.TemporaryDirectory(prefix="dlo_sim_") as folder:
+            done = subprocess.run(
+                [python, str(SCRIPT), peer],
+                input=json.dumps(jobs),
+                capture_output=True,
+                text=True,
+                timeout=TIMEOUT,
+                cwd=folder,
+                env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+            )
+    except (OSError, subprocess.TimeoutExpired) as failure:
+        return [], type(failure).__name__
+    # Libraries may print lines of their own.
+    lines = [line for line in done.stdout.splitlines() if line.startswith('{"version"')]
+    said = done.stderr.strip().splitlines()[-1:] or ["no answer"]
+    return [json.loads(line) for line in lines], said[0] if len(lines) < len(jobs) else ""
 
 
 def _judged(who: str, case: Case, truth: Array, job: dict[str, Any], reply: dict[str, Any]) -> Run:

@@ -35,16 +35,6 @@ def test_output_must_be_a_folder(tmp_path, capsys):
     assert (tmp_path / "file").read_text() == ""
 
 
-def test_peers_are_of_one_study_and_need_mujoco(tmp_path, capsys, monkeypatch):
-    """In one line, before any run."""
-    line = refusal(["paper", "--output", str(tmp_path / "new"), "--peers"], capsys)
-    assert "--peers: study paper has none; study contact has" in line
-    monkeypatch.setattr(sys, "executable", "/missing/python")
-    line = refusal(["contact", "--output", str(tmp_path / "new"), "--peers"], capsys)
-    assert "--peers /missing/python: " in line and "name a Python interpreter" in line
-    assert not (tmp_path / "new").exists()
-
-
 def test_without_matplotlib_it_says_what_to_install(tmp_path):
     code = (
         "import sys; sys.modules['matplotlib'] = None\n"
