@@ -29,9 +29,9 @@ HELP = "find the fastest setting within a tolerance"
 def add_arguments(parser: Parser) -> None:
     """Say what the subcommand does and takes."""
     parser.description = (
-        "Try methods, steps, resolutions, quadratures, stretching by span and an inextensible "
-        "cable, and write the scene with the fastest setting that stays within the tolerance of "
-        "the converged motion of the same scene. Grippers rest at their initial positions. Exit "
+        "Try methods, steps, resolutions, quadratures and stretching by span, and write the scene "
+        "with the fastest setting that stays within the tolerance of the converged motion of the "
+        "same scene. Grippers rest at their initial positions. Exit "
         "status 3 if no setting is within the tolerance; then nothing is written."
     )
     parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
@@ -160,7 +160,6 @@ def _comments(options: argparse.Namespace, facts: dict[str, Any]) -> list[str]:
         "",
         *(f"{label:<10} {text}" for label, text in _rows(options, facts).items()),
         "Grippers rested. Times hold for the machine that measured them.",
-        *(["rattle does not model stretching."] if facts["method"] == "rattle" else []),
         "",
     ]
 

@@ -42,7 +42,6 @@ COLORS = {
     "energy_momentum": "tab:orange",
     "energy_momentum_4": "tab:olive",
     "implicit_midpoint": "tab:brown",
-    "rattle": "tab:gray",
 }
 MOST_INSIDE = 5  # lines whose legend fits inside the axes
 

@@ -19,7 +19,7 @@ import numpy as np
 from dlo_sim.batch.workers import Workers
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, METHODS
+from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scene
 from dlo_sim.simulation.simulator import Simulator
@@ -167,7 +167,7 @@ def _clamped(
 COMPARED = {
     True: ("velocity_verlet", "energy_momentum"),
     False: (
-        *("forest_ruth", "rk4", "velocity_verlet", "rattle"),
+        *("forest_ruth", "rk4", "velocity_verlet"),
         *("implicit_midpoint", "energy_momentum", "energy_momentum_4"),
     ),
 }
@@ -191,7 +191,6 @@ RESOLUTIONS = {True: (5, 7, 9, 13), False: (5, 7, 9, 11, 13, 17, 21, 25, 29)}
 CABLES = {
     "stretching": Setting(REFERENCE, 0),
     "stretching by span": Setting(REFERENCE, 0, stretch="span"),
-    "inextensible": Setting("rattle", 0),
 }
 FIXED = {True: 7, False: 11}  # n_u
 TIME_STEPS = {True: (4e-3, 2e-3), False: (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)}
@@ -395,8 +394,6 @@ def tried(case: Case, truth: Reference, setting: Setting, budget: float) -> Run:
     """Run a setting on a case, with its error."""
     trial = attempt(case.job, setting, budget=budget)
     way = f"by {setting.stretch}" + ", knots auto" * (setting.knots == "auto")
-    if METHODS[setting.method].family == CONSTRAINED:
-        way = "left out"
     what = (setting.method, way, setting.control_points, trial.step, trial.status, setting.words)
     if not trial.ok:
         return Run(*what)
@@ -416,9 +413,8 @@ def _settings(case: Case, quick: bool, method: str, n_u: int) -> list[Setting]:
             for step in STEPS[quick]
             for tolerance in ((None, LOOSE) if method == "energy_momentum" else (None,))
         ]
-    shares = (*SHARES[quick], 0.25) if family == CONSTRAINED else SHARES[quick]
     try:
-        found = [at_share(case.job, first, share) for share in shares]
+        found = [at_share(case.job, first, share) for share in SHARES[quick]]
     except SceneError:
         return [first]  # the attempt is refused for the same reason
     if method == "velocity_verlet" and n_u == CONTROL_POINTS[quick][0]:
@@ -521,8 +517,7 @@ def _add_space(
         "case | cable | n_u | error [%]",
         rows,
         f"Error against resolution at half the own step of {REFERENCE} (stretching at every "
-        "sample, or by its mean over a span) and rattle (inextensible), as a share of the case's "
-        "scale",
+        "sample, or by its mean over a span), as a share of the case's scale",
         "y",
         marker="o",
     )

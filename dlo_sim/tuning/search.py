@@ -17,7 +17,7 @@ from dlo_sim.tuning.setting import Setting, present_setting, ways_to_resolve
 from dlo_sim.tuning.trial import Job, Trial, attempt, farthest, longest_step, timed_again
 
 TRIED = (
-    *("rattle", "velocity_verlet", "forest_ruth"),
+    *("velocity_verlet", "forest_ruth"),
     *("energy_momentum", "energy_momentum_4", "implicit_midpoint"),
 )
 RESOLUTIONS = (5, 6, 7, 8, 9, 10, 11, 12, 13, 15, 17, 19, 21, 25, 29, 33, 41, 57)

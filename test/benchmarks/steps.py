@@ -20,7 +20,7 @@ from dlo_sim.simulation.simulator import Simulator
 SIZES = (9, 13, 19, 40, 80, 200, 500, 1000, 2000)
 FINE = 100  # control points from which the second exponent is fitted
 SIZED = (
-    *("forest_ruth", "velocity_verlet", "rattle"),
+    *("forest_ruth", "velocity_verlet"),
     *("energy_momentum", "energy_momentum_4", "implicit_midpoint"),
 )
 

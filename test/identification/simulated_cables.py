@@ -17,7 +17,7 @@ TRUTH = {
     "cable.bending_stiffness": 2e-3,
     "damping.stiffness": 0.06,
     "damping.air_drag": 0.01,
-    "terms.twist": "on",  # does not move the markers
+    "terms.twist": "off",
 }
 
 

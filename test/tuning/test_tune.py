@@ -327,7 +327,7 @@ def test_tune_tries_both_ways_with_every_method(monkeypatch):
     )
     assert tune(_wire({"integrator.method": "energy_momentum"}), 1e-3, 0.01).best is None
     both = {(method, n, way) for method in TRIED for n in (2, 3) for way in ("sample", "span")}
-    assert kinds == {kind for kind in both if kind[0] != "rattle" or kind[2] == "sample"}
+    assert kinds == both
 
 
 def test_the_present_setting_is_the_scene_s_own():
@@ -338,7 +338,6 @@ def test_the_present_setting_is_the_scene_s_own():
 
 def test_stretching_that_is_left_out_is_tried_one_way():
     scene = _wire({})
-    assert ways_to_resolve(scene, "rattle") == (("sample", "uniform"),)
     assert ways_to_resolve(_wire({"terms.stretch": "off"}), "velocity_verlet") == (
         ("sample", "uniform"),
     )

@@ -118,7 +118,7 @@ def _term_table(paper: Paper) -> None:
         "end springs alone": axial | bending,
         "bending alone": axial | springs,
         "everything, lumped mass": {"discretization.mass": "lumped"},
-        "torsion alone": {"terms.twist": "on"} | axial | springs | bending,
+        "torsion alone": {"terms.twist": "frenet"} | axial | springs | bending,
     }
     rows: list[list[Any]] = []
     for name, changes in variants.items():
@@ -137,7 +137,7 @@ def _paper_rows(paper: Paper) -> None:
     soft, heavy = wires.softened(scene, factor), {"cable.linear_density": scene.cable.mu * factor}
     springs = f"{scene.start.spring[0] / factor:.3g} N/m"
     changed = f"**EA = {soft.cable.EA:.3g} N and springs {springs} (1/{factor:.0f})**"
-    others = () if paper.quick else ("implicit_midpoint", "rattle")
+    others = () if paper.quick else ("implicit_midpoint",)
     wanted = [
         ("forest_ruth", changed, soft),
         ("forest_ruth", f"**mass times {factor:.0f}**", scene.with_values(heavy)),
