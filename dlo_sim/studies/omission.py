@@ -141,7 +141,7 @@ TERMS = {
 IMPLICIT: Values = {"integrator.method": "energy_momentum", "integrator.step": 0.0}
 VERLET: Values = {"integrator.method": "velocity_verlet", "integrator.step": 0.0}
 PLAIN: Values = {"damping.stiffness": 0.0, "damping.air_drag": 0.0, "cable.rest_curvature": [0.0]}
-METHODS = ({}, IMPLICIT, {**VERLET, **PLAIN}, {**VERLET, **PLAIN, **UNTOUCHED})
+METHODS: tuple[Values, ...] = ({}, IMPLICIT, {**VERLET, **PLAIN}, {**VERLET, **PLAIN, **UNTOUCHED})
 COMMON: tuple[Values, ...] = (
     {},
     SPACE,
