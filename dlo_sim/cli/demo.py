@@ -23,13 +23,8 @@ def add_arguments(parser: Parser) -> None:
         "Generate a bag of gripper poses and wrenches, predict the cable from it, and "
         "write the predicted bag, a web page that plays it and a picture; print a summary."
     )
-    parser.add_argument(
-        "--output",
-        metavar="DIR",
-        type=Path,
-        default=Path("dlo_sim_demo"),
-        help="folder for the results (default: ./dlo_sim_demo)",
-    )
+    text = "folder for the results (default: ./dlo_sim_demo)"
+    parser.option("--output DIR", text, type=Path, default=Path("dlo_sim_demo"))
 
 
 def run(options: argparse.Namespace) -> int:

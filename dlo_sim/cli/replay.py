@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dlo_sim.cli.arguments import CommandError, Parser, add_scene_options, read_scene
+from dlo_sim.cli.arguments import CommandError, Parser, add_scene, read_scene
 from dlo_sim.cli.output import error_rows, print_json, print_rows, progress_bar, readable
 
 if TYPE_CHECKING:
@@ -26,30 +26,17 @@ def add_arguments(parser: Parser) -> None:
         "the same bytes. Exit status 3 if only part of the bag could be replayed or more than 5 % "
         "of a topic's messages were refused; the results so far are kept."
     )
-    parser.add_argument(
-        "bag",
-        metavar="BAG",
-        type=Path,
-        help="rosbag2 folder or file (sqlite3 or MCAP, compressed or not)",
+    text = "rosbag2 folder or file (sqlite3 or MCAP, compressed or not)"
+    parser.option("bag BAG", text, type=Path)
+    parser.option("--params SCENE", "scene file, or a shipped scene's name", required=True)
+    text = "bag to write, in the same storage format; must not exist yet (default: none)"
+    parser.option("--output OUTBAG", text, type=Path)
+    text = (
+        "compare the predicted reaction at an end with a recorded wrench, such as "
+        "start=/ft_compensated"
     )
-    parser.add_argument(
-        "--params", metavar="SCENE", required=True, help="scene file, or a shipped scene's name"
-    )
-    parser.add_argument(
-        "--output",
-        metavar="OUTBAG",
-        type=Path,
-        help="bag to write, in the same storage format; must not exist yet (default: none)",
-    )
-    parser.add_argument(
-        "--compare",
-        metavar="END=TOPIC",
-        action="append",
-        default=[],
-        help="compare the predicted reaction at an end with a recorded wrench, such as "
-        "start=/ft_compensated",
-    )
-    add_scene_options(parser)
+    parser.option("--compare END=TOPIC", text, action="append", default=[])
+    add_scene(parser, named=False)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -5,13 +5,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dlo_sim.cli.arguments import (
-    CommandError,
-    Parser,
-    add_scene_options,
-    positive_seconds,
-    read_scene,
-)
+from dlo_sim.cli.arguments import CommandError, Parser, add_scene, positive_seconds, read_scene
 from dlo_sim.cli.output import (
     check_output_file,
     error_rows,
@@ -47,24 +41,12 @@ def add_arguments(parser: Parser) -> None:
         "Run a scene and report run time, steps and energy error. Exit status 3 if the run fails, "
         "130 if Ctrl-C ends it; the results up to then are kept."
     )
-    parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
-    parser.add_argument(
-        "--duration", metavar="S", type=positive_seconds, required=True, help="simulated time [s]"
-    )
-    parser.add_argument(
-        "--every",
-        metavar="S",
-        type=positive_seconds,
-        default=1.0e-3,
-        help="time between recorded samples [s] (default: 0.001)",
-    )
-    parser.add_argument(
-        "--output",
-        metavar="FILE.npz",
-        type=Path,
-        help="write time, control points, centerline, tension, curvature and energy to this file",
-    )
-    add_scene_options(parser)
+    add_scene(parser)
+    parser.option("--duration S", "simulated time [s]", type=positive_seconds, required=True)
+    text = "time between recorded samples [s] (default: 0.001)"
+    parser.option("--every S", text, type=positive_seconds, default=1e-3)
+    text = "write time, control points, centerline, tension, curvature and energy to this file"
+    parser.option("--output FILE.npz", text, type=Path)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -21,16 +21,11 @@ def add_arguments(parser: Parser) -> None:
         + "; ".join(f"{name} ({what})" for name, what in STUDIES.items())
         + "."
     )
-    parser.add_argument("name", metavar="NAME", choices=STUDIES, help=", ".join(STUDIES))
-    parser.add_argument(
-        "--output", metavar="DIR", type=Path, required=True, help="folder for the results"
-    )
-    parser.add_argument(
-        "--quick", action="store_true", help="shorter runs; all tables and figures are made"
-    )
-    parser.add_argument(
-        "--data", metavar="DIR", type=Path, help="folder of recordings, for validation"
-    )
+    parser.option("name NAME", ", ".join(STUDIES), choices=STUDIES)
+    parser.option("--output DIR", "folder for the results", type=Path, required=True)
+    text = "shorter runs; all tables and figures are made"
+    parser.add_argument("--quick", action="store_true", help=text)
+    parser.option("--data DIR", "folder of recordings, for validation", type=Path)
     add_scheduler_option(parser)
 
 

@@ -119,13 +119,6 @@ def test_plots_without_matplotlib_are_refused_before_the_fit(tmp_path, monkeypat
     assert "--plots needs matplotlib" in capsys.readouterr().err
 
 
-def test_a_number_that_is_given_is_not_fitted(tmp_path, capsys):
-    output = tmp_path / "fitted.yaml"
-    words = ["identify", "missing.npz", "--scene", "two_grippers", "--output", str(output)]
-    assert main([*words, "--fit", "cable.length", "--set", "cable.length=1.0"]) == 2
-    assert "--fit cable.length: --set gives it" in capsys.readouterr().err
-
-
 LINE = np.zeros((1, 4, 6, 3))
 LINE[..., 0] = np.linspace(0.0, 1e6, 6)
 # The two frames and two markers that are missing where only the grippers are seen at first.
