@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from dlo_sim.batch.workers import Workers
 from dlo_sim.identification.fit import Fit, FitError, Progress, fit
-from dlo_sim.identification.measurement import START_FRAMES, Recording
+from dlo_sim.identification.measurement import START_FRAMES, Measurement
 from dlo_sim.identification.prediction import (
     COMPUTATION,
     Prediction,
@@ -59,7 +59,7 @@ class Identified:
     failures: list[str]
     pieces: int
     left_out: int
-    recordings: tuple[Recording, ...]
+    recordings: tuple[Measurement, ...]
     predicted: tuple[Prediction, ...]
     seconds: float
     error: DiscretizationError | None
@@ -69,7 +69,7 @@ class Identified:
 def identify(
     scene: Scene,
     asked: Mapping[str, object],
-    recordings: Sequence[Recording],
+    recordings: Sequence[Measurement],
     workers: Workers,
     keys: Sequence[str],
     left_out: float,
@@ -145,7 +145,7 @@ def identify(
 
 
 def _scores(
-    title: str, pieces: Sequence[Recording], predicted: Sequence[Prediction]
+    title: str, pieces: Sequence[Measurement], predicted: Sequence[Prediction]
 ) -> dict[str, Score]:
     """Mean score of the pieces under a title; nothing where there are no markers."""
     both = zip(pieces, predicted, strict=False)

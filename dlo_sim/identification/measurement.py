@@ -36,7 +36,7 @@ class MeasurementError(Exception):
 
 
 @dataclass(frozen=True)
-class Recording:
+class Measurement:
     """One piece of motion.
 
     Attributes:
@@ -77,7 +77,7 @@ class Recording:
                 "the simulation starts; leave out these frames, or cut other pieces by --piece"
             )
 
-    def pieces(self, duration: float) -> list[Recording]:
+    def pieces(self, duration: float) -> list[Measurement]:
         """Parts of about this duration [s] and of `LEAST_FRAMES` or more, each from time 0; what
         starts from rest is one.
         """
@@ -87,7 +87,7 @@ class Recording:
         edges = np.linspace(0, len(self.times), count + 1).astype(int)
         return [self._part(*part, count) for part in itertools.pairwise(edges)]
 
-    def _part(self, first: int, last: int, count: int) -> Recording:
+    def _part(self, first: int, last: int, count: int) -> Measurement:
         if count == 1:
             return self
         start = self.times[first]
@@ -99,7 +99,7 @@ class Recording:
             poses={end: path[first:last] for end, path in self.poses.items()},
         )
 
-    def disturbed(self, rng: np.random.Generator, frames: int) -> Recording:
+    def disturbed(self, rng: np.random.Generator, frames: int) -> Measurement:
         """With noise on the markers of the first frames, as large as that of all frames is by the
         differences between five known ones that follow each other.
         """
@@ -113,7 +113,7 @@ class Recording:
         markers[:frames] += rng.normal(0.0, noise, markers[:frames].shape)
         return replace(self, markers=markers)
 
-    def smoothed(self, scene: Scene) -> Recording:
+    def smoothed(self, scene: Scene) -> Measurement:
         """With the poses as `pose_smoothing` of the scene's ends has them."""
         half = {end: round(1e9 * scene.ends[end].pose_smoothing) for end in self.poses}
         paths = {end: _smoothed(self.times, path, half[end]) for end, path in self.poses.items()}

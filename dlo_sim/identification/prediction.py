@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.batch.workers import Workers
 from dlo_sim.core import bspline, mass
-from dlo_sim.identification.measurement import START_FRAMES, Recording
+from dlo_sim.identification.measurement import START_FRAMES, Measurement
 from dlo_sim.replay.comparison import AxisComparison, compare_reaction
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
@@ -70,7 +70,7 @@ class Prediction:
 
 def predict(
     scene: Scene,
-    recording: Recording,
+    recording: Measurement,
     start_frames: int = START_FRAMES,
     sensor: Sensor | None = None,
 ) -> Prediction:
@@ -146,7 +146,7 @@ def interpolated(times: Array, grid: Array, rows: Array) -> Array:
 
 
 def predicted_of(
-    scene: Scene, recordings: Sequence[Recording], workers: Workers, sensor: Sensor | None = None
+    scene: Scene, recordings: Sequence[Measurement], workers: Workers, sensor: Sensor | None = None
 ) -> list[Prediction]:
     """`predict` of several recordings."""
     return list(workers.map(_predict, [(scene, one, START_FRAMES, sensor) for one in recordings]))
@@ -154,7 +154,7 @@ def predicted_of(
 
 def position_error(
     scene: Scene,
-    recordings: Sequence[Recording],
+    recordings: Sequence[Measurement],
     predicted: Sequence[Prediction],
     workers: Workers,
     sensor: Sensor | None = None,
@@ -182,11 +182,11 @@ def position_error(
     return error_along(Simulator(scene, first), places(predicted), with_another)
 
 
-def _predict(item: tuple[Scene, Recording, int, Sensor | None]) -> Prediction:
+def _predict(item: tuple[Scene, Measurement, int, Sensor | None]) -> Prediction:
     return predict(*item)
 
 
-def begin(simulator: Simulator, recording: Recording, u: Array, frames: int) -> None:
+def begin(simulator: Simulator, recording: Measurement, u: Array, frames: int) -> None:
     """Start from the first frames of the markers and the end effectors."""
     coordinates, points = [u], [recording.markers[:frames]]
     if "start" in recording.poses:
@@ -219,7 +219,7 @@ class Score:
     fast: float
 
 
-def score(recording: Recording, predicted: Array) -> Score:
+def score(recording: Measurement, predicted: Array) -> Score:
     """Score of predicted markers, shape (F, M, 3), frames 2 and later."""
     error = (predicted - recording.markers)[2:]
     slow = _averaged(error, max(1, round(SLOW / float(np.median(np.diff(recording.times))))))
@@ -232,7 +232,7 @@ def score(recording: Recording, predicted: Array) -> Score:
     )
 
 
-def reaction(recording: Recording, predicted: Prediction) -> list[AxisComparison]:
+def reaction(recording: Measurement, predicted: Prediction) -> list[AxisComparison]:
     """Predicted against measured forces, axis by axis; empty where none were measured."""
     if recording.forces is None:
         return []
@@ -248,7 +248,7 @@ def mean_score(scores: Sequence[Score]) -> Score:
     return Score(*rows.mean(axis=0).tolist())
 
 
-def _l1(recording: Recording, error: Array) -> float:
+def _l1(recording: Measurement, error: Array) -> float:
     markers = error.shape[1]
     share = markers / (markers + recording.counted) * len(error) / len(recording.times)
     return float(np.nanmean(np.abs(error)) * share)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.batch.workers import Workers
-from dlo_sim.identification.measurement import Recording
+from dlo_sim.identification.measurement import Measurement
 from dlo_sim.identification.prediction import Sensor, predict
 from dlo_sim.scene.description import Scene, scene_values
 
@@ -67,7 +67,7 @@ class Unknown:
         return float(np.exp(seen)) if self.log else float(seen)
 
 
-def unknowns_of(scene: Scene, recording: Recording) -> tuple[Unknown, ...]:
+def unknowns_of(scene: Scene, recording: Measurement) -> tuple[Unknown, ...]:
     """All that can be fitted to a scene from markers, or from forces."""
     length, mu, markers = scene.cable.length, scene.cable.mu, recording.forces is None
     twisting = int(markers)  # with the natural curvature, by which twist moves markers
@@ -140,7 +140,7 @@ class Problem:
 
     scene: Scene
     unknowns: tuple[Unknown, ...]
-    recordings: tuple[Recording, ...]
+    recordings: tuple[Measurement, ...]
     start_frames: int
 
     def start(self) -> Array:
@@ -208,13 +208,13 @@ class Problem:
         return changed
 
 
-def compared(recording: Recording, start_frames: int) -> slice:
+def compared(recording: Measurement, start_frames: int) -> slice:
     """Which frames of a recording are compared."""
     every = max(1, round(BETWEEN / float(np.median(np.diff(recording.times)))))
     return slice(start_frames, None, every)
 
 
-def error_of(item: tuple[Scene, Sensor, Recording, int]) -> Array:
+def error_of(item: tuple[Scene, Sensor, Measurement, int]) -> Array:
     """Predicted less measured markers by MARKER and forces by FORCE at the frames compared, shape
     (T, 3 M), with forces (T, 3 M + 3); 0 where one is missing.
     """

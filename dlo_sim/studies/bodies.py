@@ -18,15 +18,15 @@ from dlo_sim.simulation.obstacles import BRISTLES, stiffness
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.known_answers import (
     Answer,
+    Answers,
     Array,
-    Measured,
-    Timed,
     Values,
+    answered,
     flat,
-    measured,
     motion,
     simulator,
 )
+from dlo_sim.studies.runs import Timed
 
 FREE = {"fixed": [False] * 3}
 WEIGHTLESS: Values = {"gravity": [0.0, 0.0, 0.0]}
@@ -62,18 +62,27 @@ BELT_FRICTION, DRUM_FRICTION = 0.5, 0.3
 DRUM, TAIL, THICK = 0.05, 0.15, 0.0025
 
 
+def mean(sim: Timed, count: int, every: float, look: Callable[[], float]) -> float:
+    """Mean of what is looked at so many times, with a time [s] between."""
+    found = []
+    for _ in range(count):
+        sim.run(every)
+        found.append(float(look()))
+    return float(np.mean(found))
+
+
 def pulled(force: float, step: float) -> Timed:
     """A rod that lies on a table, pulled along itself."""
     load = {"signal": "constant", "force": [force, 0.0, 0.0]}
     return simulator(ROD, {"loads": {"names": ["pull"], "pull": load}}, step=step)
 
 
-def sliding(force: float, step: float) -> Measured:
+def sliding(force: float, step: float) -> Answers:
     """Kinetic energy (F - mu m g)^2 t^2 / (2 m) of a rod that is pulled for 1 s."""
     sim = pulled(force, step)
     sim.run(1.0)
     exact = 0.5 * (force - ROD_FRICTION * ROD_GRAVITY) ** 2
-    return measured(sim, Answer("kinetic energy [J]", exact, sim.energy().kinetic, 0.01))
+    return answered(sim, Answer("kinetic energy [J]", exact, sim.energy().kinetic, 0.01))
 
 
 def pull_slowly(sim: Simulator, force: float) -> None:
@@ -83,7 +92,7 @@ def pull_slowly(sim: Simulator, force: float) -> None:
         sim.advance(0.002)
 
 
-def sticking(force: float, step: float) -> Measured:
+def sticking(force: float, step: float) -> Answers:
     """A rod that is pulled with less than its friction moves by the bristles' deflection alone."""
     sim = pulled(0.0, step)
     before = sim.centerline([0.5])[0]
@@ -91,7 +100,7 @@ def sticking(force: float, step: float) -> Measured:
     sim.run(60.0)
     moved = float((sim.centerline([0.5])[0] - before)[0])
     elastic = force / (BRISTLES * stiffness(sim.scene, sim.scene.bodies[0]))
-    return measured(sim, Answer("slid in 60 s [m]", 0.0, moved - elastic, 1e-6))
+    return answered(sim, Answer("slid in 60 s [m]", 0.0, moved - elastic, 1e-6))
 
 
 YAW = math.pi / 18.0  # [rad]
@@ -104,7 +113,7 @@ FALLEN: Values = {
 }
 
 
-def rest(yaw: float, step: float) -> Measured:
+def rest(yaw: float, step: float) -> Answers:
     """A cable that has fallen on a table lies still: the table carries its weight. Seen from above,
     it is at an angle to the x axis.
     """
@@ -112,7 +121,7 @@ def rest(yaw: float, step: float) -> Measured:
     sim = simulator(FALLEN, end, step=step)
     sim.run(30.0)
     weight = sim.scene.cable.mu * 9.81 * 0.5
-    return measured(
+    return answered(
         sim,
         Answer("force [N]", weight, float(sim.contact("table").force[2]), 0.001),
         Answer("kinetic energy after 30 s [J]", 0.0, sim.energy().kinetic, 1e-9),
@@ -127,7 +136,7 @@ def level(length: float, height: float) -> Values:
     return {"start.position": [0.0, 0.0, height], "end.position": [length, 0.0, height]}
 
 
-def bounce(step: float) -> Measured:
+def bounce(step: float) -> Answers:
     """A rod that falls flat from a height h rises to restitution^2 h again. A step lands it up to a
     step late, so that it is up to that times its speed too low.
     """
@@ -139,7 +148,7 @@ def bounce(step: float) -> Measured:
     while sim.time < landing * (1.0 + 1.5 * RESTITUTION):
         sim.run(step)
         risen = max(risen, float(sim.centerline([0.5])[0, 2]) - 0.025)
-    return measured(
+    return answered(
         sim,
         Answer("height [m]", RESTITUTION**2 * HEIGHT, risen, 0.01),
         Answer("energy account open by", 0.0, sim.energy_error, 1e-8),
@@ -155,7 +164,7 @@ ROPE: Values = {
 }
 
 
-def drop(step: float) -> Measured:
+def drop(step: float) -> Answers:
     """A rope that falls flat on a table moves as at an eighth of the step, and lies where it
     lands.
     """
@@ -170,7 +179,7 @@ def drop(step: float) -> Measured:
         weight = sim.scene.cable.mu * 9.81
         kinetic = max(kinetic, sim.energy().kinetic / (weight * height))
         sims.append(sim)
-    return measured(
+    return answered(
         sims,
         Answer("centre of mass, at an eighth of the step elsewhere by [m]", 0.0, apart, 5e-3),
         Answer("kinetic energy afterwards, of that of the fall", 0.0, kinetic, 1e-9),
@@ -184,7 +193,7 @@ def centre_of_mass(sim: Simulator) -> Array:
     return np.asarray(shares @ sim.control_points[:, :3] / shares.sum())
 
 
-def plug(modulus: float, points: int) -> Measured:
+def plug(modulus: float, points: int) -> Answers:
     """A rod of 5 cm that is pushed 0.2 mm against a face, beyond its round tip: EA d / L."""
     length, thick, pushed, gap = 0.05, 0.01, 2e-4, 1e-4
     cable = {"length": length, "diameter": thick, "density": 1000.0, "youngs_modulus": modulus}
@@ -210,10 +219,10 @@ def plug(modulus: float, points: int) -> Measured:
     sim.run(3.0)
     exact = sim.scene.cable.EA * pushed / length
     pressed = -float(sim.contact("face").force[0])
-    return measured(sim, Answer("force [N]", exact, pressed, 0.05))
+    return answered(sim, Answer("force [N]", exact, pressed, 0.05))
 
 
-def slope(step: float) -> Measured:
+def slope(step: float) -> Answers:
     """The coefficient of friction, from what a rod slides down a slope 5 % too steep for it, in the
     seconds from 5 to 10, and what it creeps in these on one 0.5 % less steep than it can hold.
     """
@@ -239,14 +248,14 @@ def slope(step: float) -> Measured:
         slid.append(float(place - sim.centerline([0.5])[0] @ along))
         sims.append(sim)
     found = (sine - slid[1] / (0.5 * (10.0**2 - 5.0**2) * ROD_GRAVITY)) / cosine
-    return measured(
+    return answered(
         sims,
         Answer("coefficient of friction", ROD_FRICTION, found, 0.005),
         Answer("crept below the friction angle [m]", 0.0, slid[0], 1e-9),
     )
 
 
-def lifted(clamped: bool, points: int) -> Measured:
+def lifted(clamped: bool, points: int) -> Answers:
     """The end of a lying cable lifted by delta, and held horizontal or pinned: it lifts off over
     a = (72 EI delta / w)^(1/4) or (24 EI delta / w)^(1/4). A stiffness k of the table lets it lift
     off earlier, by (4 EI / k)^(1/4).
@@ -271,7 +280,7 @@ def lifted(clamped: bool, points: int) -> Measured:
     ]
     if clamped:
         answers.append(Answer("moment [N m]", WEIGHT * length**2 / 6.0, abs(moment[1]), 0.005))
-    return measured(sim, *answers)
+    return answered(sim, *answers)
 
 
 def wound(wrap: float) -> tuple[float, Callable[[float], tuple[float, float, float]]]:
@@ -303,7 +312,7 @@ def cord(length: float, **ends: object) -> Values:
     }
 
 
-def capstan(wrap: float, points: int, drum: Values | None = None) -> Measured:
+def capstan(wrap: float, points: int, drum: Values | None = None) -> Answers:
     """A flexible cable drawn slowly over a drum against 1 N: the pull is exp(mu wrap) N.
 
     `drum`: what else than a cylinder it is, of diameter 0.1 m about the y axis.
@@ -333,27 +342,19 @@ def capstan(wrap: float, points: int, drum: Values | None = None) -> Measured:
     first = sim.control_points[0, :3]
     sim.set_motion("start", motion(4.0, first, -0.02 * np.array([cosine, 0.0, sine])))
     sim.run(1.8)
-    pulls = []
-    for _ in range(40):
-        sim.run(0.03)
-        pulls.append(float(np.linalg.norm(sim.reaction("start")[0])))
-    exact = math.exp(DRUM_FRICTION * wrap)
-    return measured(sim, Answer("pull [N]", exact, float(np.mean(pulls)), 0.01))
+    pull = mean(sim, 40, 0.03, lambda: float(np.linalg.norm(sim.reaction("start")[0])))
+    return answered(sim, Answer("pull [N]", math.exp(DRUM_FRICTION * wrap), pull, 0.01))
 
 
-def conveyor(step: float) -> Measured:
+def conveyor(step: float) -> Answers:
     """A rope held at one end on a belt that runs below it: the belt pulls with mu w L."""
     soft: Values = {"cable.bending_stiffness": 1e-4, "discretization.control_points": 40}
     rough: Values = {"start.fixed": [True] * 3, "obstacles.table.friction": BELT_FRICTION}
     sim = simulator(LYING, {"end": FREE}, soft, rough, step=step)
     sim.move_obstacle("table", motion(10.0, np.zeros(3), [0.2, 0.0, 0.0]))
     sim.run(1.0)
-    pulls = []
-    for _ in range(100):
-        sim.run(0.01)
-        pulls.append(-sim.reaction("start")[0][0])
-    exact = BELT_FRICTION * 0.6 * WEIGHT
-    return measured(sim, Answer("force [N]", exact, float(np.mean(pulls)), 0.01))
+    pull = mean(sim, 100, 0.01, lambda: -sim.reaction("start")[0][0])
+    return answered(sim, Answer("force [N]", BELT_FRICTION * 0.6 * WEIGHT, pull, 0.01))
 
 
 def bend(sim: Simulator, place: Callable[[float], tuple[float, float, float]]) -> None:
@@ -366,7 +367,7 @@ def bend(sim: Simulator, place: Callable[[float], tuple[float, float, float]]) -
         sim.start_from(points)
 
 
-def column(points: int) -> Measured:
+def column(points: int) -> Answers:
     """A clamped column between walls, pressed along itself: where the load reaches
     16 pi^2 EI / L^2, its middle lies flat on a wall that it touched at a point before.
 
@@ -409,16 +410,17 @@ def column(points: int) -> Measured:
     y = 2.0 * math.pi * np.sqrt(shares)
     law = 1.0 - np.cos(y) - (y - np.sin(y)) / np.tan(0.5 * y)
     law = (2.0 * y / length) ** 2 * gap / law  # falls with the load
-    loads = []
-    for _ in range(40):
-        sim.run(0.05)
+
+    def load() -> float:
+        """Where the middle would lie flat, from its curvature."""
         before, there, after = sim.centerline(0.5 * length + np.array([-1e-3, 0.0, 1e-3]))[:, 2]
         curvature = (2.0 * there - before - after) / 1e-6
-        loads.append(-sim.reaction("end")[0][0] / np.interp(-curvature, -law, shares))
-    return measured(sim, Answer("load [N]", flat_at, float(np.mean(loads)), 0.02))
+        return float(-sim.reaction("end")[0][0] / np.interp(-curvature, -law, shares))
+
+    return answered(sim, Answer("load [N]", flat_at, mean(sim, 40, 0.05, load), 0.02))
 
 
-def pegs(points: int) -> Measured:
+def pegs(points: int) -> Answers:
     """The shortest chain that stays on two smooth pegs 2 b apart: 2 b e long, if they are thin.
 
     On pegs with the distance rho of its axis from theirs, the chain leaves the inner side at the
@@ -472,4 +474,4 @@ def pegs(points: int) -> Measured:
         low, high = (length, high) if runs_off else (low, length)
         sims.append(sim)
     found = Answer("shortest length [m]", shortest, 0.5 * (low + high), 0.005)
-    return measured(sims, found)
+    return answered(sims, found)

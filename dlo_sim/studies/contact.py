@@ -26,13 +26,13 @@ from dlo_sim.studies.bodies import (
     slope,
     sticking,
 )
-from dlo_sim.studies.known_answers import Answer, Measured
+from dlo_sim.studies.known_answers import Answer, Answers
 from dlo_sim.studies.report import Report
 from dlo_sim.studies.strands import LOOPS, knot, linked, plectoneme
 from dlo_sim.studies.throws import throws
 
 # A test as a function of its resolution, and resolutions: of every study, and of a full one.
-Test = tuple[Callable[..., Measured], tuple[float, ...], tuple[float, ...]]
+Test = tuple[Callable[..., Answers], tuple[float, ...], tuple[float, ...]]
 PANELS: dict[str, dict[str, Test]] = {  # panel of the figure -> name -> test
     "at rest, pushed, and landing": {
         "rest on a table, yaw 0": (partial(rest, 0.0), (1e-2,), (5e-3,)),
@@ -121,7 +121,7 @@ def run_study(request: Request) -> Outcome:
     return report.outcome(verdicts)
 
 
-def verdict(found: Measured) -> str:
+def verdict(found: Answers) -> str:
     """Whether all answers are within what is allowed: the one that is nearest to it or beyond."""
     worst = max(found.answers, key=lambda one: abs(one.error) / (one.allowed or 1e-300))
     words = "meets" if all(answer.meets for answer in found.answers) else "misses"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -13,6 +12,7 @@ from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.studies.runs import Timed
 
 Array = NDArray[np.float64]
 Values = dict[str, object]
@@ -49,25 +49,7 @@ class Answer(NamedTuple):
         return f"{self.quantity} {abs(self.error):.2g}, allowed {self.allowed:.2g}"
 
 
-class Timed(Simulator):
-    """A simulator that adds up the processor time of its steps, `seconds` [s]."""
-
-    seconds = 0.0
-
-    def run(self, duration: float) -> None:
-        """Advance by a duration [s].
-
-        Raises:
-            RuntimeError: a step failed.
-        """
-        began = time.process_time()
-        report = self.advance(duration)
-        self.seconds += time.process_time() - began
-        if not report.status.ok:
-            raise RuntimeError(f"contact: {report.message}")
-
-
-class Measured(NamedTuple):
+class Answers(NamedTuple):
     """Answers of a test, the processor time [s] of its steps, its last simulator; of knots the rows
     of LOOPS.
     """
@@ -78,10 +60,10 @@ class Measured(NamedTuple):
     loops: tuple[tuple[object, ...], ...] = ()
 
 
-def measured(sims: Timed | list[Timed], *answers: Answer) -> Measured:
+def answered(sims: Timed | list[Timed], *answers: Answer) -> Answers:
     """Answers of one or several simulators."""
     every = [sims] if isinstance(sims, Timed) else sims
-    return Measured(answers, sum(one.seconds for one in every), every[-1])
+    return Answers(answers, sum(one.seconds for one in every), every[-1])
 
 
 def flat(groups: Mapping[str, object], prefix: str = "") -> Values:

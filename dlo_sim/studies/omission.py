@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -261,33 +261,20 @@ def job(scene: Scene, duration: float, still: bool = False) -> Job:
     return Job(scene, duration, tuple(np.linspace(0.0, 1.0, 21)), 2e-3, tuple(motions))
 
 
-@dataclass(frozen=True)
-class Row:
-    """Result for a term of a scene: whether the scene's own step contains it, time per step [s]
-    with and without it, largest distance [m] between the two motions (nan if a run failed), and
-    notes.
+class Row(NamedTuple):
+    """Result for a term of a scene, a row of the table: whether the scene's own step contains it,
+    time per step [s] with and without it, share saved, largest distance [m] between the two
+    motions, and notes; None where a run failed.
     """
 
     scene: str
     term: str
-    automatic: bool
-    full: float
-    bare: float
-    error: float
+    own: str
+    full: float | None
+    bare: float | None
+    saved: float | None
+    error: float | None
     note: str
-
-    @property
-    def label(self) -> str:
-        """Label of its bars."""
-        return f"{self.scene}: {self.term}{'' if self.automatic else ' (left out)'}"
-
-    @property
-    def cells(self) -> list[Any]:
-        """Row of the table."""
-        numbers = (self.full, self.bare, 1.0 - self.bare / self.full, self.error)
-        shown = [number if np.isfinite(number) else None for number in numbers]
-        automatic = "yes" if self.automatic else "left out"
-        return [self.scene, self.term, automatic, *shown, self.note.replace("|", "/")]
 
 
 def run_study(request: Request) -> Outcome:
@@ -307,9 +294,12 @@ def run_study(request: Request) -> Outcome:
             rows.append(row_of(name, variant, *_side_by_side(both, motions, BUDGET[quick])))
         request.progress(0.5 + 0.5 * len({row.scene for row in rows}) / len(scenes))
     report.text(EXPLANATION)
-    report.table("omission", HEADER, [row.cells for row in rows], CAPTION)
-    timed = [row for row in rows if np.isfinite(row.full + row.bare)]
-    bars = [(row.label, row.full, row.bare) for row in timed]
+    report.table("omission", HEADER, rows, CAPTION)
+    bars = [
+        (f"{row.scene}: {row.term}{'' if row.own == 'yes' else ' (left out)'}", row.full, row.bare)
+        for row in rows
+        if row.full and row.bare
+    ]
     report.bars("omission_bars", BARS, bars, "Time per step with and without each term")
     return report.outcome(verdicts_of(rows))
 
@@ -321,8 +311,8 @@ def verdicts_of(rows: list[Row]) -> dict[str, str]:
     """
     verdicts = {}
     for scene in dict.fromkeys(row.scene for row in rows):
-        out = [r for r in rows if (r.scene, r.automatic) == (scene, False) and r.term != "frenet"]
-        errors = [row.error for row in out if np.isfinite(row.error)]
+        out = [r for r in rows if (r.scene, r.own) == (scene, "left out") and r.term != "frenet"]
+        errors = [row.error for row in out if row.error is not None]
         worst = f"{1e3 * max(errors):.2g} mm" if errors else "none to compare"
         verdicts[scene] = f"what is left out automatically changes the motion by: {worst}"
     return verdicts
@@ -356,17 +346,18 @@ def _side_by_side(both: list[Piece], motions: Mapping[Piece, Trial], budget: flo
 
 def row_of(name: str, variant: Variant, full: Trial, bare: Trial) -> Row:
     """The result for a term from its two trials."""
-    notes, off = [variant.note] if variant.note else [], np.nan
-    times = {"with it": np.nan, "without it": np.nan}
+    notes, times = [variant.note] if variant.note else [], []
     sides = (("with it", variant.full, full), ("without it", variant.bare, bare))
     for which, scene, trial in sides:
+        times.append(trial.wall * trial.step if trial.ok else None)
         if not trial.ok:
             notes.append(f"{which}: {trial.message}")
-            continue
-        times[which] = trial.wall * trial.step
-        if trial.setting != present_setting(scene):
+        elif trial.setting != present_setting(scene):
             notes.append(f"{which}: fails at its own step, run at {SMALLER:g} of it")
+    saved, off = None, None
     if full.ok and bare.ok:
+        saved = 1.0 - bare.wall * bare.step / (full.wall * full.step)
         off = farthest(bare.points, full.points)
-    full_s, bare_s = times.values()
-    return Row(name, variant.term, variant.automatic, full_s, bare_s, off, "; ".join(notes))
+    own, note = "yes" if variant.automatic else "left out", "; ".join(notes).replace("|", "/")
+    with_it, without_it = times
+    return Row(name, variant.term, own, with_it, without_it, saved, off, note)

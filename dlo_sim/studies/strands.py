@@ -10,15 +10,15 @@ from dlo_sim.core import bspline
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.studies.known_answers import (
     Answer,
+    Answers,
     Array,
-    Measured,
-    Timed,
     Values,
+    answered,
     flat,
-    measured,
     motion,
     simulator,
 )
+from dlo_sim.studies.runs import Timed
 
 
 def laid_along(path: Array, points: int) -> tuple[float, Array]:
@@ -57,7 +57,7 @@ def along(place: Array, length: float, step: float, *values: Values) -> Timed:
     return sim
 
 
-def linked(points: int) -> Measured:
+def linked(points: int) -> Answers:
     """Two loops of one cable, one through the other, are pulled apart: the force between them is
     the tension of both legs of a loop.
     """
@@ -95,7 +95,7 @@ def linked(points: int) -> Measured:
     found = sim.contacts["itself"]
     force = np.linalg.norm(found.forces[found.u < leg].sum(axis=0))
     tension = float(sim.tension(np.array([0.1, leg - 0.1])).sum())
-    return measured(sim, Answer("force [N]", tension, float(force), 0.01))
+    return answered(sim, Answer("force [N]", tension, float(force), 0.01))
 
 
 KNOT_EI = 1e-3  # [N m^2]
@@ -106,7 +106,7 @@ LOOPS = (
 )
 
 
-def knot(points: int) -> Measured:
+def knot(points: int) -> Answers:
     """Pull F of an overhand knot without friction: F e^2 / (2 pi^2 EI) = 1 with the end shortening
     e, where the loop is much larger than the cable is thick.
 
@@ -135,7 +135,7 @@ def knot(points: int) -> Measured:
         for k, values in enumerate(zip(mean, thin, pull, factor, ends, strict=True)):
             rows.append((points, diameter, *values, power[k - 1] if k else None))
     thins, factors, middles, powers = (np.concatenate(one) for one in zip(*found, strict=True))
-    return measured(
+    return answered(
         sims,
         Answer("F e^2 / (2 pi^2 EI)", 1.0, extrapolated(thins, factors), 0.05),
         Answer("exponent", -2.0, extrapolated(middles, powers), 0.025),
@@ -191,7 +191,7 @@ TURNS, COILED = 8, 0.6  # turns of one end, length [m]
 COIL_STIFFNESS, COIL_WEIGHT = 1e-3, 0.05 * 0.5  # of torsion [N m^2]; a small lateral load [N/m]
 
 
-def plectoneme(points: int) -> Measured:
+def plectoneme(points: int) -> Answers:
     """A cable that is twisted by 8 turns and coils about itself as its clamps approach.
 
     Link, the sum of twist and writhe, is the turns of its end. The torque of the end clamp is that
@@ -237,7 +237,7 @@ def plectoneme(points: int) -> Measured:
     sim.run(3.0)
     kept, account = float(sim.reaction("end")[1][0]), sim.cable.account
     left = COIL_STIFFNESS * 2.0 * math.pi * (TURNS - coils) / COILED
-    return measured(
+    return answered(
         sim,
         Answer("link [turns]", TURNS, twist + coils, 0.01 / TURNS),
         Answer("torque of the end [N m]", left, end, 0.01),

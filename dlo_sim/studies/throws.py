@@ -17,7 +17,8 @@ import numpy as np
 from dlo_sim.core import mass, rotations
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.known_answers import Answer, Array, Measured, Timed, Values, flat, simulator
+from dlo_sim.studies.known_answers import Answer, Answers, Array, Values, flat, simulator
+from dlo_sim.studies.runs import Timed
 from dlo_sim.studies.strands import laid_along, writhe
 
 KINDS = ("box", "sphere", "edge", "itself")
@@ -73,7 +74,7 @@ class Throw(NamedTuple):
     seconds: float
 
 
-def throws(count: int) -> Measured:
+def throws(count: int) -> Answers:
     """`count` throws, in turn at all of KINDS."""
     found, failed = [], 0
     for number in range(count):
@@ -84,7 +85,7 @@ def throws(count: int) -> Measured:
     return judged(count, found, failed)
 
 
-def judged(count: int, found: list[Throw], failed: int) -> Measured:
+def judged(count: int, found: list[Throw], failed: int) -> Answers:
     """Answers of `count` throws. They are not met by NaN, or where all throws failed."""
     energy = largest([one.energy for one in found])
     open_by = {
@@ -100,7 +101,7 @@ def judged(count: int, found: list[Throw], failed: int) -> Measured:
         Answer(f"momentum of {count} throws, {words}, open by", 0.0, open_by[kind], allowed)
         for kind, (words, allowed) in KEPT.items()
     )
-    return Measured(answers, sum(one.seconds for one in found), None)
+    return Answers(answers, sum(one.seconds for one in found), None)
 
 
 def largest(values: list[float]) -> float:

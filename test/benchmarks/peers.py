@@ -29,7 +29,7 @@ from dlo_sim.studies.work_precision import (
     CLOSED,
     CLOSING,
     Case,
-    Run,
+    Tried,
     all_cases,
     fastest,
     references,
@@ -65,7 +65,7 @@ TRIED = {
 }
 
 
-def peer_runs(case: Case, truth: Array, quick: bool, absent: list[str]) -> list[Run]:
+def peer_runs(case: Case, truth: Array, quick: bool, absent: list[str]) -> list[Tried]:
     """Run every simulator on a case, a quick study only the first setting. Errors are relative to
     the reference `truth` (T, m, 3); what was not measured is added to `absent` with the reason.
     """
@@ -112,7 +112,9 @@ def replies(
     return [json.loads(line) for line in lines], said[0] if len(lines) < len(jobs) else ""
 
 
-def _judged(who: str, case: Case, truth: Array, job: dict[str, Any], reply: dict[str, Any]) -> Run:
+def _judged(
+    who: str, case: Case, truth: Array, job: dict[str, Any], reply: dict[str, Any]
+) -> Tried:
     """The run of a reply, with its error against the reference at the times that it reached."""
     status, points = reply["message"].replace("|", "/") or "ok", np.array(reply["points"])
     wall = spread = off = float("nan")
@@ -125,7 +127,7 @@ def _judged(who: str, case: Case, truth: Array, job: dict[str, Any], reply: dict
         index = np.round(np.array(reply["times"]) / case.job.every).astype(int)
         wanted = index < len(truth)
         off = case.error(points[wanted], truth[index[wanted]])
-    return Run(who, "", job["n"], reply["step"], status, "", off, wall, spread)
+    return Tried(who, "", job["n"], reply["step"], status, "", off, wall, spread)
 
 
 def _job(case: Case, n: int, step: float) -> dict[str, Any]:
@@ -163,7 +165,7 @@ def _job(case: Case, n: int, step: float) -> dict[str, Any]:
     }
 
 
-def row_of(case: Case, runs: list[Run], peer: Run) -> list[Any]:
+def row_of(case: Case, runs: list[Tried], peer: Tried) -> list[Any]:
     """Row of the table: another simulator's run, and the fastest setting of `runs` whose error is
     not larger."""
     measured = [value if np.isfinite(value) else None for value in (peer.error, peer.wall)]

@@ -7,7 +7,7 @@ import pytest
 from dlo_sim.batch.workers import HERE
 from dlo_sim.studies import Request, contact
 from dlo_sim.studies.contact import PANELS, run_study
-from dlo_sim.studies.known_answers import Answer, Measured
+from dlo_sim.studies.known_answers import Answer, Answers
 
 
 def studied(folder, shares=None):
@@ -40,8 +40,8 @@ def test_every_known_answer_is_met(tmp_path):
 def test_a_test_that_misses_or_fails_says_so(tmp_path, monkeypatch):
     """The study goes on, and judges the last resolution."""
 
-    def measured(answers):
-        return lambda resolution: Measured(answers, 0.1, None)
+    def answered(answers):
+        return lambda resolution: Answers(answers, 0.1, None)
 
     def fails(resolution):
         raise RuntimeError("contact: it failed")
@@ -49,7 +49,7 @@ def test_a_test_that_misses_or_fails_says_so(tmp_path, monkeypatch):
     good, off = Answer("force [N]", 2.0, 2.01, 0.01), Answer("force [N]", 2.0, 2.04, 0.01)
     still, crept = Answer("crept [m]", 0.0, 0.0, 0.0), Answer("crept [m]", 0.0, -1e-8, 1e-9)
     tests = {"good": (good, still), "off": (good, off, still), "crept": (good, crept)}
-    known = {name: (measured(answers), (1e-3,), ()) for name, answers in tests.items()}
+    known = {name: (answered(answers), (1e-3,), ()) for name, answers in tests.items()}
     known["fails"] = fails, (1e-3,), ()
     monkeypatch.setattr(contact, "PANELS", {"panel": known})
     outcome, rows = studied(tmp_path)

@@ -125,9 +125,9 @@ def test_a_run_that_fails_at_its_own_step_is_done_at_a_smaller_one(monkeypatch):
 
 def test_what_is_left_out_is_judged_without_the_other_model_of_twist():
     rows = [
-        Row("wire", "loads", False, 1e-6, 1e-6, 2e-6, "no loads"),
-        Row("wire", "frenet", False, 1e-6, 1e-6, 5e-2, "terms.twist is not frenet"),
-        Row("wire", "gravity", True, 1e-6, 1e-6, 3e-2, ""),
+        Row("wire", "loads", "left out", 1e-6, 1e-6, 0.0, 2e-6, "no loads"),
+        Row("wire", "frenet", "left out", 1e-6, 1e-6, 0.0, 5e-2, "terms.twist is not frenet"),
+        Row("wire", "gravity", "yes", 1e-6, 1e-6, 0.0, 3e-2, ""),
     ]
     (line,) = study_module.verdicts_of(rows).values()
     assert line.endswith(": 0.002 mm")

@@ -131,7 +131,7 @@ def test_the_fastest_settings_are_within_the_error(study):
 
 def test_a_front_is_what_nothing_beats():
     def run(wall, error, status="ok"):
-        return study_module.Run("rk4", "by sample", 7, 1e-3, status, "", error, wall)
+        return study_module.Tried("rk4", "by sample", 7, 1e-3, status, "", error, wall)
 
     runs = [run(3.0, 1.0), run(1.0, 5.0), run(2.0, 6.0), run(0.5, 0.1, "diverged")]
     assert [(one.wall, one.error) for one in study_module.front(runs, "wall")] == [
