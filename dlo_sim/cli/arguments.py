@@ -85,6 +85,25 @@ def add_scheduler_option(parser: Parser) -> None:
     parser.option("--scheduler ADDRESS", text)
 
 
+def pairs(
+    option: str, texts: Sequence[str], form: str, cure: str, names: Sequence[str] = ()
+) -> dict[str, str]:
+    """The values of a repeatable option of the form NAME=VALUE, of any names unless some are given.
+
+    Raises:
+        CommandError: one of another form, or a name that is given twice.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        if not (name and value) or (names and name not in names):
+            raise CommandError(f"{option} {text!r} is not {form}; give {cure}")
+        if name in found:
+            raise CommandError(f"{option} {name} is given twice; keep one of them")
+        found[name] = value
+    return found
+
+
 def as_typed(words: Sequence[str], assignments: Sequence[str]) -> str:
     """A command line with its `--set`, each in one line."""
     changed = (("--set", " ".join(text.split())) for text in assignments)

@@ -1,7 +1,6 @@
 """`dlo_sim identify DATA`: a scene whose numbers are those of a recorded cable."""
 
 import argparse
-from collections.abc import Sequence
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +12,7 @@ from dlo_sim.cli.arguments import (
     as_typed,
     needing_plots,
     number,
+    pairs,
     positive_seconds,
     read_scene,
 )
@@ -75,6 +75,8 @@ def run(options: argparse.Namespace) -> int:
     from dlo_sim.identification.measurement import MeasurementError
     from dlo_sim.identification.readers import read_recordings
 
+    names = ("markers", "force", "start", "end")
+    topics = pairs("--topic", options.topic, "NAME=TOPIC", " or ".join(names) + "=/topic", names)
     asked = dict(parse_assignment(text) for text in options.assignments)
     both = next((key for key in options.fit if key in asked), "")
     if both:
@@ -82,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
             f"--fit {both}: --set gives it, so it is not fitted; leave one of them out"
         )
     try:
-        recordings = read_recordings(options.data, _topics(options.topic))
+        recordings = read_recordings(options.data, topics)
         with open_workers() as workers, progress_bar("identify") as progress:
             found = identify(
                 scene, asked, recordings, workers, options.fit, options.leave_out, options.piece,
@@ -106,18 +108,6 @@ def run(options: argparse.Namespace) -> int:
     print_rows(_rows(found) | error_rows(estimate, found.advice))
     print_rows({"output": str(options.output)})
     return 0
-
-
-def _topics(texts: Sequence[str]) -> dict[str, str]:
-    topics: dict[str, str] = {}
-    for text in texts:
-        name, _, topic = text.partition("=")
-        if name not in ("markers", "force", "start", "end") or not topic:
-            raise CommandError(
-                f"--topic {text!r} is not NAME=TOPIC; give markers, force, start or end=/topic"
-            )
-        topics[name] = topic
-    return topics
 
 
 def _rows(found: "Identified") -> dict[str, str]:

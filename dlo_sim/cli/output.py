@@ -205,6 +205,12 @@ def tell(line: str) -> None:
     tqdm.write(f"dlo_sim: {line}", file=sys.stderr)
 
 
+def run_time(figures: Any) -> str:
+    """What a run says of its times: `wall_s`, `real_time_factor`, `compile_s`."""
+    speed = f"{figures.wall_s:.3g} s ({figures.real_time_factor:.3g} x real time)"
+    return f"{speed}, after {figures.compile_s:.2g} s to start"
+
+
 def error_rows(estimate: Mapping[str, float | None] | None, advice: str) -> dict[str, str]:
     """Rows for people about estimated position errors [m] (`DiscretizationError.numbers`); none if
     errors were not estimated.

@@ -3,12 +3,11 @@
 import argparse
 import dataclasses
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dlo_sim.cli.arguments import CommandError, Parser, add_scene, read_scene
-from dlo_sim.cli.output import error_rows, print_json, print_rows, progress_bar, readable
+from dlo_sim.cli.arguments import CommandError, Parser, add_scene, pairs, read_scene
+from dlo_sim.cli.output import error_rows, print_json, print_rows, progress_bar, readable, run_time
 
 if TYPE_CHECKING:
     from dlo_sim.replay.replay import ReplaySummary
@@ -42,14 +41,14 @@ def add_arguments(parser: Parser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Replay and print the summary; returns the exit status."""
     scene = read_scene(options.params, options.assignments)
-    compare = _comparisons(options.compare)
+    compare = pairs("--compare", options.compare, "END=TOPIC", "start=/topic or end=...")
 
     from dlo_sim.replay.replay import ReplayError, replay_bag
 
     try:
         with progress_bar("replay") as progress:
             summary = replay_bag(
-                options.bag, scene, options.output, compare=compare, progress=progress
+                options.bag, scene, options.output, compare=compare or None, progress=progress
             )
     except ReplayError as refusal:
         raise CommandError(str(refusal)) from None
@@ -73,8 +72,7 @@ def _print_summary(bag: Path, summary: "ReplaySummary") -> None:
     rows = {
         "used": f"{summary.messages_used} messages",
         "refused": f"{summary.messages_refused} messages ({refused})",
-        "time": f"{summary.wall_s:.3g} s ({summary.real_time_factor:.3g} x real time), after "
-        f"{summary.compile_s:.2g} s to start",
+        "time": run_time(summary),
     }
     if summary.messages_copied:
         rows["copies"] = f"{summary.messages_copied} messages came again and were ignored"
@@ -90,16 +88,3 @@ def _print_summary(bag: Path, summary: "ReplaySummary") -> None:
     if summary.comparison:
         print()
         print(comparison_table(summary.comparison))
-
-
-def _comparisons(texts: Sequence[str]) -> dict[str, str] | None:
-    """The pairs of `--compare`: end -> topic of the recorded wrench."""
-    pairs: dict[str, str] = {}
-    for text in texts:
-        end, _, topic = text.partition("=")
-        if not end or not topic:
-            raise CommandError(f"--compare {text!r} is not END=TOPIC; give start=/topic or end=...")
-        if end in pairs:
-            raise CommandError(f"--compare {end} is given twice; keep one of them")
-        pairs[end] = topic
-    return pairs or None

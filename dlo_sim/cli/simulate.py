@@ -12,6 +12,7 @@ from dlo_sim.cli.output import (
     print_json,
     print_rows,
     progress_bar,
+    run_time,
     tell,
     write_arrays,
 )
@@ -98,8 +99,7 @@ def _print_report(scene: str, output: Path | None, recording: "Recording") -> No
         "method": f"{recording.method}, step {recording.step_s * 1e6:.4g} us, "
         f"{recording.steps} steps, {recording.force_evaluations} {_counted(recording.method)}",
         "chosen": f"{recording.choice}\n{recording.resolution}",
-        "time": f"{recording.wall_s:.3g} s ({recording.real_time_factor:.3g} x real time), "
-        f"after {recording.compile_s:.2g} s to start",
+        "time": run_time(recording),
         "energy error": "-" if error is None else f"{error:.2e} of the largest energy exchanged",
         "active": ", ".join(recording.active_terms) or "-",
         "left out": "\n".join(left_out) or "-",
