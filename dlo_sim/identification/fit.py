@@ -83,7 +83,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Fit:
-    """What came of a fit.
+    """The result of a fit.
 
     Attributes:
         scene, sensor: with the fitted values. numbers: fitted.

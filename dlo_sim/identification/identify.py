@@ -37,7 +37,7 @@ TRAINING, LEFT_OUT, ALL = "training pieces", "left-out pieces", "all pieces, fit
 
 @dataclass(frozen=True)
 class Identified:
-    """What came of an identification.
+    """The result of an identification.
 
     Attributes:
         scene: with the numbers fitted to all pieces. fit: of all pieces.

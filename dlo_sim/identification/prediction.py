@@ -26,7 +26,7 @@ from dlo_sim.simulation.simulator import Simulator
 Array = NDArray[np.float64]
 SLOW = 0.5  # [s], error that lasts longer is slow
 STEP = 0.01  # [s], where the scene chooses; half of it moves 12 markers by 0.1 mm
-# How recordings are simulated where nobody says otherwise; the start comes from the markers.
+# Default settings for the simulation of recordings; the start comes from the markers.
 COMPUTATION: dict[str, object] = {
     "discretization.control_points": 17,
     "discretization.stretch": "span",

@@ -99,7 +99,7 @@ def _pieces(
 
 
 def _arrays(path: Path) -> dict[str, Any]:
-    """What stands under `NPZ_KEYS`."""
+    """The arrays with the names of `NPZ_KEYS`."""
     try:
         given = read_npz(path, NPZ_KEYS)
     except NpzRefused as refused:

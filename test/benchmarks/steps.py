@@ -18,10 +18,10 @@ from dlo_sim.batch.workers import HERE, open_workers
 from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.studies.runs import at_method
 
 SIZES = (9, 13, 19, 40, 80, 200, 500, 1000, 2000)
 FINE = 100  # control points from which the second exponent is fitted
-EXPLICIT = {"integrator.method": "forest_ruth"}
 STIFF = [("energy_momentum", step) for step in (2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 1e-1)]
 STIFF += [("energy_momentum_4", step) for step in (2e-3, 5e-3, 1e-2)]
 SIZED = (
@@ -85,8 +85,8 @@ def stiff():
     print("\nmethod | n_u | step [ms] | times faster | energy error | iterations per step")
     for n, (method, step) in product((9, 13, 19, 40), STIFF):
         sized = {"discretization.control_points": n, "integrator.tolerance": 1e-10}
-        wires = [load_scene("paper_wire", sized | at) for at in (EXPLICIT, _at(method, step))]
-        explicit, simulator = map(Simulator, wires)
+        scene = load_scene("paper_wire", sized)
+        explicit, simulator = Simulator(scene), Simulator(at_method(scene, method, step))
         count = round(10.0 / step)
         works = partial(advance, explicit, 2000), partial(advance, simulator, count)
         (own, theirs), report = least(5, *works), advance(simulator, count)
@@ -94,10 +94,6 @@ def stiff():
         cells = f"{ratio:.3g}", f"{simulator.energy_error:.1e}"
         work = f"{report.force_evaluations / count:.3g}"
         print(" | ".join([method, str(n), f"{1e3 * step:g}", *cells, work]), flush=True)
-
-
-def _at(method, step):
-    return {"integrator.method": method, "integrator.step": step}
 
 
 def cores():
