@@ -115,7 +115,6 @@ def _term_table(paper: Paper) -> None:
         "end springs alone": axial | bending,
         "bending alone": axial | springs,
         "everything, lumped mass": {"discretization.mass": "lumped"},
-        "torsion alone": {"terms.twist": "frenet"} | axial | springs | bending,
     }
     rows: list[list[Any]] = []
     for name, changes in variants.items():
