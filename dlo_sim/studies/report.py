@@ -278,6 +278,11 @@ def draw(
         axes.legend(fontsize="small")
 
 
+def curves(x: Iterable[Any], lines: Mapping[str, Iterable[Any]], *panel: str) -> list[Any]:
+    """Rows of a chart: the points of each line, to the end of the shorter one."""
+    return [(*panel, name, *at) for name, y in lines.items() for at in zip(x, y, strict=False)]
+
+
 def shown(cell: Any, form: str = "") -> str:
     """A cell as text: in the format, or with four digits; a dash for a missing value."""
     if cell is None:
