@@ -1,14 +1,12 @@
 """`dlo_sim study omission --quick`, run once; and which variants a scene has."""
 
-import csv
 from dataclasses import replace
 
 import pytest
+from study_tables import quick, rows_of
 
-from dlo_sim.batch.workers import HERE
 from dlo_sim.scene import needs
 from dlo_sim.scene.loading import load_scene, shipped_scene, shipped_scenes
-from dlo_sim.studies import Request
 from dlo_sim.studies import omission as study_module
 from dlo_sim.studies.omission import QUICK_TERMS, TERMS, Row, has, job, variants
 from dlo_sim.tuning.trial import attempt
@@ -20,14 +18,12 @@ pytestmark = pytest.mark.slow
 def study(tmp_path_factory):
     """Folder and outcome of one quick study."""
     folder = tmp_path_factory.mktemp("omission")
-    outcome = study_module.run_study(Request(folder, True, "dlo_sim study omission", HERE))
-    return folder, outcome
+    return folder, quick(study_module, folder)
 
 
 @pytest.fixture(scope="module")
 def rows(study):
-    with (study[0] / "omission.csv").open(encoding="utf-8", newline="") as stream:
-        return {row["term"]: row for row in csv.DictReader(stream)}
+    return {row["term"]: row for row in rows_of(study[0], "omission")}
 
 
 def test_every_term_is_known():

@@ -1,14 +1,11 @@
 """`dlo_sim study work-precision --quick`, run once."""
 
-import csv
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
+from study_tables import quick, rows_of
 
-from dlo_sim.batch.workers import HERE
-from dlo_sim.studies import Request
 from dlo_sim.studies import work_precision as study_module
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, attempt, error
@@ -21,13 +18,7 @@ pytestmark = pytest.mark.slow
 def study(tmp_path_factory):
     """Folder and outcome of one quick study."""
     folder = tmp_path_factory.mktemp("work_precision")
-    request = Request(folder, True, "dlo_sim study work-precision", HERE)
-    return folder, study_module.run_study(request)
-
-
-def rows_of(folder: Path, name: str) -> list[dict[str, str]]:
-    with (folder / f"{name}.csv").open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
+    return folder, quick(study_module, folder)
 
 
 def test_failed_runs_are_rows_that_say_so(study):
