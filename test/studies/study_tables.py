@@ -2,14 +2,16 @@
 
 import csv
 from pathlib import Path
+from typing import Any
 
 from dlo_sim.batch.workers import HERE
 from dlo_sim.studies import Outcome, Request
 
 
-def quick(module, folder: Path, **more) -> Outcome:
+def quick(module: Any, folder: Path, **more: Any) -> Outcome:
     """Run a quick study into a folder."""
-    return module.run_study(Request(folder, True, "dlo_sim study", HERE, **more))
+    outcome: Outcome = module.run_study(Request(folder, True, "dlo_sim study", HERE, **more))
+    return outcome
 
 
 def rows_of(folder: Path, name: str) -> list[dict[str, str]]:
