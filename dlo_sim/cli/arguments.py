@@ -9,11 +9,12 @@ from typing import Any, NoReturn
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, parse_assignment
+from dlo_sim.scene.refusal import Refusal
 
 _LONGEST = 1e9  # [s], thirty years; beyond, steps could no longer be counted in whole numbers
 
 
-class CommandError(Exception):
+class CommandError(Refusal):
     """Input that a subcommand refuses: one line that names it and the cure."""
 
 

@@ -70,9 +70,7 @@ def run(options: argparse.Namespace) -> int:
             from dlo_sim.cli.residuals import draw_residuals
 
     from dlo_sim.batch.workers import open_workers
-    from dlo_sim.identification.fit import FitError
     from dlo_sim.identification.identify import identify
-    from dlo_sim.identification.measurement import MeasurementError
     from dlo_sim.identification.readers import read_recordings
 
     names = ("markers", "force", "start", "end")
@@ -83,15 +81,12 @@ def run(options: argparse.Namespace) -> int:
         raise CommandError(
             f"--fit {both}: --set gives it, so it is not fitted; leave one of them out"
         )
-    try:
-        recordings = read_recordings(options.data, topics)
-        with open_workers() as workers, progress_bar("identify") as progress:
-            found = identify(
-                scene, asked, recordings, workers, options.fit, options.leave_out, options.piece,
-                progress, tell,
-            )  # fmt: skip
-    except (MeasurementError, FitError) as refusal:
-        raise CommandError(str(refusal)) from None
+    recordings = read_recordings(options.data, topics)
+    with open_workers() as workers, progress_bar("identify") as progress:
+        found = identify(
+            scene, asked, recordings, workers, options.fit, options.leave_out, options.piece,
+            progress, tell,
+        )  # fmt: skip
     words = ["dlo_sim", "identify", options.data.name, "--scene", options.scene]
     words += [word for key in options.fit for word in ("--fit", key)]
     rows = [f"{label}: {text}" for label, text in _rows(found).items()]

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dlo_sim.cli.arguments import CommandError, Parser, add_scene, pairs, read_scene
+from dlo_sim.cli.arguments import Parser, add_scene, pairs, read_scene
 from dlo_sim.cli.output import error_rows, print_json, print_rows, progress_bar, readable, run_time
 
 if TYPE_CHECKING:
@@ -43,15 +43,12 @@ def run(options: argparse.Namespace) -> int:
     scene = read_scene(options.params, options.assignments)
     compare = pairs("--compare", options.compare, "END=TOPIC", "start=/topic or end=...")
 
-    from dlo_sim.replay.replay import ReplayError, replay_bag
+    from dlo_sim.replay.replay import replay_bag
 
-    try:
-        with progress_bar("replay") as progress:
-            summary = replay_bag(
-                options.bag, scene, options.output, compare=compare or None, progress=progress
-            )
-    except ReplayError as refusal:
-        raise CommandError(str(refusal)) from None
+    with progress_bar("replay") as progress:
+        summary = replay_bag(
+            options.bag, scene, options.output, compare=compare or None, progress=progress
+        )
     if options.json:
         print_json(dataclasses.asdict(summary))
     else:

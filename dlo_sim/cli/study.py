@@ -6,7 +6,7 @@ import importlib
 import shlex
 from pathlib import Path
 
-from dlo_sim.batch.workers import WorkersError, open_workers
+from dlo_sim.batch.workers import open_workers
 from dlo_sim.cli.arguments import CommandError, Parser, add_scheduler_option, needing_plots
 from dlo_sim.cli.output import check_writable, print_json, print_rows, progress_bar
 from dlo_sim.studies import STUDIES, Request
@@ -37,20 +37,15 @@ def run(options: argparse.Namespace) -> int:
         words += ["--data", options.data.name]
     words += ["--quick"] if options.quick else []
     no_figures = "study needs matplotlib; install dlo_sim with the extra 'plots'"
-    try:
-        with (
-            needing_plots(no_figures),
-            open_workers(options.scheduler) as workers,
-            progress_bar(f"study {options.name}") as progress,
-        ):
-            command = shlex.join(words)
-            request = Request(
-                options.output, options.quick, command, workers, options.data, progress
-            )
-            module = f"dlo_sim.studies.{options.name.replace('-', '_')}"
-            outcome = importlib.import_module(module).run_study(request)
-    except WorkersError as refusal:
-        raise CommandError(str(refusal)) from None
+    with (
+        needing_plots(no_figures),
+        open_workers(options.scheduler) as workers,
+        progress_bar(f"study {options.name}") as progress,
+    ):
+        command = shlex.join(words)
+        request = Request(options.output, options.quick, command, workers, options.data, progress)
+        module = f"dlo_sim.studies.{options.name.replace('-', '_')}"
+        outcome = importlib.import_module(module).run_study(request)
     if options.json:
         print_json(dataclasses.asdict(outcome))
         return 0

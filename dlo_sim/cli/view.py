@@ -51,14 +51,11 @@ def run(options: argparse.Namespace) -> int:
         raise CommandError("--set changes a scene; give it with --params")
     scene = read_scene(options.params, options.assignments) if options.params else None
 
-    from dlo_sim.view.run import RunError, read_run
+    from dlo_sim.view.run import read_run
 
-    try:
-        with progress_bar("view") as progress:
-            seen = read_run(path, scene, options.node)
-            write_whole(output, partial(_writer(kind, progress), seen))
-    except RunError as refusal:
-        raise CommandError(str(refusal)) from None
+    with progress_bar("view") as progress:
+        seen = read_run(path, scene, options.node)
+        write_whole(output, partial(_writer(kind, progress), seen))
     frames, span = len(seen.time), float(seen.time[-1] - seen.time[0])
     if options.json:
         print_json({"output": str(output), "format": kind, "times": frames, "duration_s": span})

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dlo_sim.core import rotations
 from dlo_sim.core.two_points import poses_of_two_points
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.refusal import Refusal
 from dlo_sim.session.gripper_path import Pose, SmoothedPoses
 
 Array = NDArray[np.float64]
@@ -31,7 +32,7 @@ _HANGING = {
 }
 
 
-class MeasurementError(Exception):
+class MeasurementError(Refusal):
     """Data that cannot be read: one line that names the file, the value and the cure."""
 
 

@@ -15,7 +15,7 @@ from dlo_sim.core.npz import NpzRefused, read_npz
 from dlo_sim.core.strain import strain
 from dlo_sim.replay.bags import Bag, BagError
 from dlo_sim.scene.description import Obstacle, Scene
-from dlo_sim.scene.refusal import SceneError, one_line, printable
+from dlo_sim.scene.refusal import Refusal, SceneError, one_line, printable
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import KNOTS
 from dlo_sim.session.topics import CONTACTS, CONTROL_POINTS, DIAGNOSTICS, REACTION, resolved
@@ -44,7 +44,7 @@ _TOUCHING = [name for name in _ARRAYS if name.startswith(("obstacle", "contact")
 _LONGEST_FORCE = 0.15  # line of the largest contact force, in extents of the run
 
 
-class RunError(Exception):
+class RunError(Refusal):
     """A file that is refused: one line that names it, what is wrong and the cure."""
 
 
