@@ -87,7 +87,7 @@ def predict(
     u = recording.shares * scene.cable.length
     samples = times[1:]
     if recording.forces is None:
-        begin(simulator, recording, u, start_frames)
+        begin(simulator, recording, u, slice(start_frames))
     else:
         steps = np.arange(1, int(times[-1] / simulator.step + 1e-9) + 1)
         samples = np.minimum(steps * simulator.step, times[-1])
@@ -186,18 +186,15 @@ def _predict(item: tuple[Scene, Measurement, int, Sensor | None]) -> Prediction:
     return predict(*item)
 
 
-def begin(simulator: Simulator, recording: Measurement, u: Array, frames: int) -> None:
-    """Start from the first frames of the markers and the end effectors."""
-    coordinates, points = [u], [recording.markers[:frames]]
-    if "start" in recording.poses:
-        coordinates.insert(0, np.zeros(1))
-        points.insert(0, recording.poses["start"][:frames, None, :3])
-    if "end" in recording.poses:
-        coordinates.append(np.array([simulator.scene.cable.length]))
-        points.append(recording.poses["end"][:frames, None, :3])
-    simulator.start_from_points(
-        np.concatenate(points, axis=1), recording.times[:frames], np.concatenate(coordinates)
-    )
+def begin(simulator: Simulator, recording: Measurement, u: Array, frames: slice) -> None:
+    """Start from the markers and the end effectors in these frames."""
+    ends = {"start": 0.0, "end": simulator.scene.cable.length}
+    held = {at: recording.poses[end] for end, at in ends.items() if end in recording.poses}
+    points = [recording.markers[frames], *(path[frames, None, :3] for path in held.values())]
+    coordinates = np.concatenate([u, list(held)])
+    order = np.argsort(coordinates, kind="stable")
+    chain = np.concatenate(points, axis=1)[:, order]
+    simulator.start_from_points(chain, recording.times[frames], coordinates[order])
 
 
 @dataclass(frozen=True)

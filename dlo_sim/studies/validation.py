@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
-from dlo_sim.identification.measurement import LEAST_FRAMES, START_FRAMES, Measurement
+from dlo_sim.identification.measurement import START_FRAMES, Measurement
 from dlo_sim.identification.prediction import Score, begin, interpolated, mean_score, predict, score
 from dlo_sim.identification.readers import read_recordings
 from dlo_sim.scene.description import Measured, Scene
@@ -225,17 +225,9 @@ def spline_distance(item: tuple[Scene, Measurement]) -> float:
     apart = []
     for frame in _frames(recording):
         simulator = Simulator(scene, _poses(recording, frame))
-        still_frames = np.full(LEAST_FRAMES, frame)
-        part = Measurement(
-            recording.name,
-            recording.times[:LEAST_FRAMES],
-            recording.markers[still_frames],
-            {end: path[still_frames] for end, path in recording.poses.items()},
-            recording.shares,
-        )
-        begin(simulator, part, u, 1)
+        begin(simulator, recording, u, slice(frame, frame + 1))
         curve = bspline.evaluate(simulator.control_points[:, :3], simulator.model.knots, u)
-        apart.append(np.linalg.norm(curve - part.markers[0], axis=1))
+        apart.append(np.linalg.norm(curve - recording.markers[frame], axis=1))
     return float(np.nanmean(apart))
 
 
@@ -256,7 +248,7 @@ def corrected(item: tuple[Scene, Measurement]) -> Array:
     poses = {end: (path[0, :3], path[0, 3:]) for end, path in recording.poses.items()}
     simulator = Simulator(scene, poses)
     u = recording.shares * scene.cable.length
-    begin(simulator, recording, u, START_FRAMES)
+    begin(simulator, recording, u, slice(START_FRAMES))
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
     observer = Observer(Measured(noise=NOISE), Journal(()))
     rng, times = np.random.default_rng(0), recording.times
