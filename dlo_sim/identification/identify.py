@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from dlo_sim.batch.workers import Workers
 from dlo_sim.identification.fit import Fit, FitError, Progress, fit
-from dlo_sim.identification.measurement import START_FRAMES, Measurement
+from dlo_sim.identification.measurement import Measurement
 from dlo_sim.identification.prediction import (
     COMPUTATION,
     Prediction,
@@ -104,7 +104,7 @@ def identify(
         if base.terms.plasticity == "off":
             raise FitError(f"--fit {YIELD}: terms.plasticity is off; set it to auto")
         base = plastic(base)
-    problem = Problem(base, unknowns, pieces, START_FRAMES)
+    problem = Problem(base, unknowns, pieces)
     away = int(left_out * len(pieces))
     first = replace(problem, recordings=pieces[: len(pieces) - away])
     found = fit(first, workers, lambda share: progress(0.6 * share if away else share), tell)

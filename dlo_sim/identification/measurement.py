@@ -100,8 +100,8 @@ class Measurement:
             poses={end: path[first:last] for end, path in self.poses.items()},
         )
 
-    def disturbed(self, rng: np.random.Generator, frames: int) -> Measurement:
-        """With noise on the markers of the first frames, as large as that of all frames is by the
+    def disturbed(self, rng: np.random.Generator) -> Measurement:
+        """With noise on the markers from which it starts, as large as that of all frames is by the
         differences between five known ones that follow each other.
         """
         paths = self.markers.reshape(len(self.times), -1).T
@@ -111,7 +111,8 @@ class Measurement:
         apart = np.concatenate([np.abs(np.diff(path, order)) / spread for path in known])
         markers = self.markers.copy()
         noise = float(np.median(apart)) / NORMAL_MEDIAN if apart.size else 0.0
-        markers[:frames] += rng.normal(0.0, noise, markers[:frames].shape)
+        first = markers[:START_FRAMES]
+        first += rng.normal(0.0, noise, first.shape)
         return replace(self, markers=markers)
 
     def smoothed(self, scene: Scene) -> Measurement:

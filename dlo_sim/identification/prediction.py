@@ -68,12 +68,7 @@ class Prediction:
     seconds: float
 
 
-def predict(
-    scene: Scene,
-    recording: Measurement,
-    start_frames: int = START_FRAMES,
-    sensor: Sensor | None = None,
-) -> Prediction:
+def predict(scene: Scene, recording: Measurement, sensor: Sensor | None = None) -> Prediction:
     """What the scene predicts from the start and the poses.
 
     The start are the first frames of the markers; of a recording of forces it is the equilibrium at
@@ -87,7 +82,7 @@ def predict(
     u = recording.shares * scene.cable.length
     samples = times[1:]
     if recording.forces is None:
-        begin(simulator, recording, u, slice(start_frames))
+        begin(simulator, recording, u, slice(START_FRAMES))
     else:
         steps = np.arange(1, int(times[-1] / simulator.step + 1e-9) + 1)
         samples = np.minimum(steps * simulator.step, times[-1])
@@ -149,7 +144,7 @@ def predicted_of(
     scene: Scene, recordings: Sequence[Measurement], workers: Workers, sensor: Sensor | None = None
 ) -> list[Prediction]:
     """`predict` of several recordings."""
-    return list(workers.map(_predict, [(scene, one, START_FRAMES, sensor) for one in recordings]))
+    return list(workers.map(_predict, [(scene, one, sensor) for one in recordings]))
 
 
 def position_error(
@@ -182,7 +177,7 @@ def position_error(
     return error_along(Simulator(scene, first), places(predicted), with_another)
 
 
-def _predict(item: tuple[Scene, Measurement, int, Sensor | None]) -> Prediction:
+def _predict(item: tuple[Scene, Measurement, Sensor | None]) -> Prediction:
     return predict(*item)
 
 

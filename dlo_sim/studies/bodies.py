@@ -131,9 +131,9 @@ def rest(yaw: float, step: float) -> Answers:
 RESTITUTION, HEIGHT = 0.6, 0.2  # height [m] from which a rod bounces
 
 
-def level(length: float, height: float) -> Values:
-    """Places of both ends [m] of a level cable."""
-    return {"start.position": [0.0, 0.0, height], "end.position": [length, 0.0, height]}
+def level(height: float) -> Values:
+    """Places of both ends of a level cable of 1 m, at a height [m]."""
+    return {"start.position": [0.0, 0.0, height], "end.position": [1.0, 0.0, height]}
 
 
 def bounce(step: float) -> Answers:
@@ -141,7 +141,7 @@ def bounce(step: float) -> Answers:
     step late, so that it is up to that times its speed too low.
     """
     elastic: Values = {"contact.restitution": RESTITUTION, "integrator.tolerance": 1e-12}
-    sim = simulator(ROD, elastic, level(1.0, 0.025 + HEIGHT), step=step)
+    sim = simulator(ROD, elastic, level(0.025 + HEIGHT), step=step)
     landing = math.sqrt(2.0 * HEIGHT / ROD_GRAVITY)
     sim.run(1.2 * landing)
     risen = 0.0
@@ -170,7 +170,7 @@ def drop(step: float) -> Answers:
     """
     sims, apart, weight, kinetic = [], 0.0, 0.0, 0.0
     for height in HEIGHTS:
-        sim, finer = (simulator(ROPE, level(1.0, height), step=one) for one in (step, 0.125 * step))
+        sim, finer = (simulator(ROPE, level(height), step=one) for one in (step, 0.125 * step))
         for _ in range(round(0.6 / step)):
             sim.run(step)
             finer.run(step)

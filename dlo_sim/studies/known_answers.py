@@ -75,9 +75,9 @@ def flat(groups: Mapping[str, object], prefix: str = "") -> Values:
     return found
 
 
-def simulator(*values: Mapping[str, object], step: float, method: str = "energy_momentum") -> Timed:
-    """A simulator of merged values, nested or not."""
-    merged: Values = {"integrator.method": method, "integrator.step": step}
+def simulator(*values: Mapping[str, object], step: float) -> Timed:
+    """A simulator of merged values, nested or not, with energy_momentum."""
+    merged: Values = {"integrator.method": "energy_momentum", "integrator.step": step}
     for one in values:
         merged |= flat(one)
     return Timed(scene_from_values(merged))
