@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from study_tables import quick, rows_of
 
+from dlo_sim.batch.workers import HERE, open_workers
 from dlo_sim.studies import work_precision as study_module
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, attempt, error
@@ -76,6 +77,16 @@ def test_another_method_agrees_with_every_reference(study):
         assert row["checked by"] == ("rk4" if case == "soft_grippers" else "energy_momentum_4")
         assert 0.0 < float(row["distance [%]"]) < 0.005
         assert 0.0 < float(row["own error in space [%]"]) < 1.0
+
+
+def test_worker_processes_give_the_same_references():
+    case = study_module.cantilever().shortened(0.1, (9, 11))
+    with open_workers(processes=2) as workers:
+        there = study_module.references([case], workers)[case.name]
+    here = study_module.references([case], HERE)[case.name]
+    assert np.array_equal(there.points, here.points) and np.ptp(here.points[:, 0, 2]) > 0.01
+    for name in ("space", "time", "check", "disagreement"):
+        assert getattr(there, name) == getattr(here, name)
 
 
 def test_errors_fall_with_resolution_and_time_is_of_second_order(study):
