@@ -151,6 +151,7 @@ COMMON: tuple[Values, ...] = (
     {**SPACE, **UNTWISTED},
     {**SPACE, **BISHOP},
     {**UNTWISTED, "end.clamped": False},
+    {"initial.shape": "straight"},
     GROUND,
     {**GROUND, **BISHOP},
 )
@@ -221,6 +222,8 @@ def _pair(scene: Scene, name: str) -> tuple[Values, Scene, Scene]:
             full, bare = (base, other) if present else (other, base)
             if not (has(full, name) and not has(bare, name) and _alike(full, bare, name)):
                 continue
+            if has(full, "frenet") and full.initial.shape == "equilibrium":
+                continue  # none is computed with torsion
             for one in (full, bare):  # refused, as by a simulator, if no method supports it
                 check_terms(one, needs_of(one))
                 selection.choose(one, 0.0)
