@@ -19,13 +19,14 @@ from typing import Any, TypeVar
 
 from dlo_sim.process.children import children, processors
 from dlo_sim.process.stopping import cleanup
+from dlo_sim.scene.refusal import Refusal
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 CONNECT_TIMEOUT = 10.0  # [s] until a scheduler that does not answer counts as absent
 
 
-class WorkersError(Exception):
+class WorkersError(Refusal):
     """Workers that cannot be had: one line that names the address and the cure."""
 
 

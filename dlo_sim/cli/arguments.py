@@ -1,18 +1,20 @@
 """Arguments that several subcommands share, and how wrong ones are refused."""
 
 import argparse
+import shlex
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, parse_assignment
+from dlo_sim.scene.refusal import Refusal
 
 _LONGEST = 1e9  # [s], thirty years; beyond, steps could no longer be counted in whole numbers
 
 
-class CommandError(Exception):
+class CommandError(Refusal):
     """Input that a subcommand refuses: one line that names it and the cure."""
 
 
@@ -26,6 +28,11 @@ class Parser(argparse.ArgumentParser):
             CommandError: always; `main` prints it.
         """
         raise CommandError(f"{message}; see '{self.prog} --help'")
+
+    def option(self, words: str, text: str, **more: Any) -> None:
+        """Add an argument: its name and what stands for its value, as in `--every S`; its help."""
+        name, _, metavar = words.partition(" ")
+        self.add_argument(name, help=text, metavar=metavar or None, **more)
 
 
 def number(unit: str, fits: Callable[[float], bool], otherwise: str) -> Callable[[str], float]:
@@ -65,25 +72,43 @@ def needing_plots(refusal: str) -> Iterator[None]:
         raise CommandError(refusal) from None
 
 
-def add_scene_options(parser: argparse.ArgumentParser) -> None:
-    """Add `--set key=value`."""
-    parser.add_argument(
-        "--set",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        dest="assignments",
-        help="override a key of the scene, such as discretization.control_points=13; repeatable",
-    )
+def add_scene(parser: Parser, named: bool = True) -> None:
+    """Add `--set KEY=VALUE`, and the scene by its name unless it is another option."""
+    if named:
+        parser.option("scene SCENE", "scene file, or a shipped scene's name")
+    text = "override a key of the scene, such as discretization.control_points=13; repeatable"
+    parser.option("--set KEY=VALUE", text, action="append", default=[], dest="assignments")
 
 
-def add_scheduler_option(parser: argparse.ArgumentParser) -> None:
+def add_scheduler_option(parser: Parser) -> None:
     """Add `--scheduler ADDRESS`."""
-    parser.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="Dask scheduler for the work that is not timed (default: the cores of this machine)",
-    )
+    text = "Dask scheduler for the work that is not timed (default: the cores of this machine)"
+    parser.option("--scheduler ADDRESS", text)
+
+
+def pairs(
+    option: str, texts: Sequence[str], form: str, cure: str, names: Sequence[str] = ()
+) -> dict[str, str]:
+    """The values of a repeatable option of the form NAME=VALUE, of any names unless some are given.
+
+    Raises:
+        CommandError: one of another form, or a name that is given twice.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        if not (name and value) or (names and name not in names):
+            raise CommandError(f"{option} {text!r} is not {form}; give {cure}")
+        if name in found:
+            raise CommandError(f"{option} {name} is given twice; keep one of them")
+        found[name] = value
+    return found
+
+
+def as_typed(words: Sequence[str], assignments: Sequence[str]) -> str:
+    """A command line with its `--set`, each in one line."""
+    changed = (("--set", " ".join(text.split())) for text in assignments)
+    return shlex.join([*words, *(word for pair in changed for word in pair)])
 
 
 def read_scene(text: str, assignments: Sequence[str]) -> Scene:

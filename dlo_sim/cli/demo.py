@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dlo_sim.cli.arguments import CommandError, Parser
-from dlo_sim.cli.output import print_json, print_rows, progress_bar, readable
+from dlo_sim.cli.output import print_json, print_rows, progress_bar, readable, run_time
 
 if TYPE_CHECKING:
     from dlo_sim.demo.demo import DemoSummary
@@ -23,13 +23,8 @@ def add_arguments(parser: Parser) -> None:
         "Generate a bag of gripper poses and wrenches, predict the cable from it, and "
         "write the predicted bag, a web page that plays it and a picture; print a summary."
     )
-    parser.add_argument(
-        "--output",
-        metavar="DIR",
-        type=Path,
-        default=Path("dlo_sim_demo"),
-        help="folder for the results (default: ./dlo_sim_demo)",
-    )
+    text = "folder for the results (default: ./dlo_sim_demo)"
+    parser.option("--output DIR", text, type=Path, default=Path("dlo_sim_demo"))
 
 
 def run(options: argparse.Namespace) -> int:
@@ -63,8 +58,7 @@ def _print_summary(summary: "DemoSummary") -> None:
         "predicted": f"{summary.predicted} ({summary.messages_written} messages)",
         "page": f"{summary.page} (open it in a browser)",
         "picture": summary.picture or "-",
-        "time": f"{summary.simulated_s:.3g} s simulated in {summary.wall_s:.3g} s "
-        f"({summary.real_time_factor:.3g} x real time), after {summary.compile_s:.2g} s to start",
+        "time": f"{summary.simulated_s:.3g} s simulated in {run_time(summary)}",
         "tip": f"up to {summary.tip_speed_max:.3g} m/s",
         "reaction": f"up to {summary.reaction_max:.3g} N at the gripper, "
         f"{summary.reaction_rest:.3g} N at rest",

@@ -5,13 +5,7 @@ import os
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from dlo_sim.cli.arguments import (
-    CommandError,
-    Parser,
-    add_scene_options,
-    positive_seconds,
-    read_scene,
-)
+from dlo_sim.cli.arguments import CommandError, Parser, add_scene, positive_seconds, read_scene
 from dlo_sim.cli.output import print_json, tell
 from dlo_sim.scene.refusal import SceneError
 
@@ -32,17 +26,10 @@ def add_arguments(parser: Parser) -> None:
         "method and step, whether this machine keeps up, and its live topics. Exit status 3 if "
         "there is a problem."
     )
-    parser.add_argument(
-        "scene", metavar="SCENE", nargs="?", help="scene file, or a shipped scene's name"
-    )
-    parser.add_argument(
-        "--seconds",
-        metavar="S",
-        type=positive_seconds,
-        default=3.0,
-        help="how long to listen to the topics [s] (default: 3)",
-    )
-    add_scene_options(parser)
+    add_scene(parser, named=False)
+    parser.option("scene SCENE", "scene file, or a shipped scene's name", nargs="?")
+    text = "how long to listen to the topics [s] (default: 3)"
+    parser.option("--seconds S", text, type=positive_seconds, default=3.0)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -5,13 +5,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dlo_sim.cli.arguments import (
-    CommandError,
-    Parser,
-    add_scene_options,
-    positive_seconds,
-    read_scene,
-)
+from dlo_sim.cli.arguments import CommandError, Parser, add_scene, positive_seconds, read_scene
 from dlo_sim.cli.output import (
     check_output_file,
     error_rows,
@@ -40,32 +34,17 @@ def add_arguments(parser: Parser) -> None:
         "where the scene puts them; loads are those of the scene. Exit status 3 if the run fails; "
         "the shapes up to then are kept."
     )
-    parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
-    parser.add_argument(
-        "--plan",
-        metavar="FILE",
-        type=Path,
-        required=True,
-        help="bag with a MultiDOFJointTrajectory or with poses on the topics of the scene; or YAML "
-        "or npz with times and poses (x, y, z, quaternion x, y, z, w) of start, end or grasps",
+    add_scene(parser)
+    text = (
+        "bag with a MultiDOFJointTrajectory or with poses on the topics of the scene; or YAML or "
+        "npz with times and poses (x, y, z, quaternion x, y, z, w) of start, end or grasps"
     )
-    parser.add_argument(
-        "--number", metavar="N", type=int, help="if the bag has several: which one, from 1"
-    )
-    parser.add_argument(
-        "--every",
-        metavar="S",
-        type=positive_seconds,
-        default=0.02,
-        help="time between shapes [s] (default: 0.02)",
-    )
-    parser.add_argument(
-        "--output",
-        metavar="FILE.npz",
-        type=Path,
-        help="write time, control points, centerline, tension and curvature, for dlo_sim view",
-    )
-    add_scene_options(parser)
+    parser.option("--plan FILE", text, type=Path, required=True)
+    parser.option("--number N", "if the bag has several: which one, from 1", type=int)
+    text = "time between shapes [s] (default: 0.02)"
+    parser.option("--every S", text, type=positive_seconds, default=0.02)
+    text = "write time, control points, centerline, tension and curvature, for dlo_sim view"
+    parser.option("--output FILE.npz", text, type=Path)
 
 
 def run(options: argparse.Namespace) -> int:

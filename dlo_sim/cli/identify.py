@@ -1,8 +1,6 @@
 """`dlo_sim identify DATA`: a scene whose numbers are those of a recorded cable."""
 
 import argparse
-import shlex
-from collections.abc import Sequence
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 from dlo_sim.cli.arguments import (
     CommandError,
     Parser,
-    add_scene_options,
+    add_scene,
+    as_typed,
     needing_plots,
     number,
+    pairs,
     positive_seconds,
     read_scene,
 )
@@ -23,7 +23,7 @@ from dlo_sim.cli.output import (
     print_rows,
     progress_bar,
     tell,
-    write_whole,
+    write_scene,
 )
 from dlo_sim.scene.loading import parse_assignment
 
@@ -42,43 +42,23 @@ def add_arguments(parser: Parser) -> None:
         "has a 95 % interval; one that the data cannot determine keeps its value and is reported. "
         "Mass is not fitted: stiffness and drag are those for the given mass."
     )
-    parser.add_argument(
-        "data", metavar="DATA", type=Path, help=".npz of markers, or a bag of markers or a force"
+    parser.option("data DATA", ".npz of markers, or a bag of markers or a force", type=Path)
+    parser.option("--scene SCENE", "scene file, or a shipped scene's name", required=True)
+    parser.option("--output FITTED.yaml", "scene file to write", type=Path, required=True)
+    text = "fit only this key; repeatable (default: all keys that the data can determine)"
+    parser.option("--fit KEY", text, action="append", default=[])
+    share = number("0.3", lambda value: 0.0 <= value < 1.0, "a share; give 0 or more, below 1")
+    text = "share of the pieces, the last ones, held out from a first fit (default: 0.3)"
+    parser.option("--leave-out SHARE", text, type=share, default=0.3)
+    text = "length of the pieces of a recording [s]; each starts from its markers (default: 5)"
+    parser.option("--piece S", text, type=positive_seconds, default=5.0)
+    text = (
+        "topic of a bag: markers=... or force=..., start=..., end=...; repeatable (default: found "
+        "by type)"
     )
-    parser.add_argument(
-        "--scene", metavar="SCENE", required=True, help="scene file, or a shipped scene's name"
-    )
-    parser.add_argument(
-        "--output", metavar="FITTED.yaml", type=Path, required=True, help="scene file to write"
-    )
-    parser.add_argument(
-        "--fit",
-        metavar="KEY",
-        action="append",
-        default=[],
-        help="fit only this key; repeatable (default: all keys that the data can determine)",
-    )
-    parser.add_argument(
-        "--leave-out",
-        metavar="SHARE",
-        type=number("0.3", lambda value: 0.0 <= value < 1.0, "a share; give 0 or more, below 1"),
-        default=0.3,
-        help="share of the pieces, the last ones, held out from a first fit (default: 0.3)",
-    )
-    parser.add_argument(
-        "--piece", metavar="S", type=positive_seconds, default=5.0,
-        help="length of the pieces of a recording [s]; each starts from its markers (default: 5)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--topic",
-        metavar="NAME=TOPIC",
-        action="append",
-        default=[],
-        help="topic of a bag: markers=... or force=..., start=..., end=...; repeatable (default: "
-        "found by type)",
-    )
-    parser.add_argument("--plots", metavar="DIR", type=Path, help="folder for plots of residuals")
-    add_scene_options(parser)
+    parser.option("--topic NAME=TOPIC", text, action="append", default=[])
+    parser.option("--plots DIR", "folder for plots of residuals", type=Path)
+    add_scene(parser, named=False)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -90,27 +70,28 @@ def run(options: argparse.Namespace) -> int:
             from dlo_sim.cli.residuals import draw_residuals
 
     from dlo_sim.batch.workers import open_workers
-    from dlo_sim.identification.fit import FitError
     from dlo_sim.identification.identify import identify
-    from dlo_sim.identification.measurement import MeasurementError
     from dlo_sim.identification.readers import read_recordings
 
+    names = ("markers", "force", "start", "end")
+    topics = pairs("--topic", options.topic, "NAME=TOPIC", " or ".join(names) + "=/topic", names)
     asked = dict(parse_assignment(text) for text in options.assignments)
     both = next((key for key in options.fit if key in asked), "")
     if both:
         raise CommandError(
             f"--fit {both}: --set gives it, so it is not fitted; leave one of them out"
         )
-    try:
-        recordings = read_recordings(options.data, _topics(options.topic))
-        with open_workers() as workers, progress_bar("identify") as progress:
-            found = identify(
-                scene, asked, recordings, workers, options.fit, options.leave_out, options.piece,
-                progress, tell,
-            )  # fmt: skip
-    except (MeasurementError, FitError) as refusal:
-        raise CommandError(str(refusal)) from None
-    _write(options, found)
+    recordings = read_recordings(options.data, topics)
+    with open_workers() as workers, progress_bar("identify") as progress:
+        found = identify(
+            scene, asked, recordings, workers, options.fit, options.leave_out, options.piece,
+            progress, tell,
+        )  # fmt: skip
+    words = ["dlo_sim", "identify", options.data.name, "--scene", options.scene]
+    words += [word for key in options.fit for word in ("--fit", key)]
+    rows = [f"{label}: {text}" for label, text in _rows(found).items()]
+    made = f"Fitted by {as_typed(words, options.assignments)}"
+    write_scene(options.output, found.scene, made, [*rows, "", "In brackets: 95 % intervals."])
     facts = _facts(options, found)
     if options.plots is not None:
         draw_residuals(options.plots, found)
@@ -122,18 +103,6 @@ def run(options: argparse.Namespace) -> int:
     print_rows(_rows(found) | error_rows(estimate, found.advice))
     print_rows({"output": str(options.output)})
     return 0
-
-
-def _topics(texts: Sequence[str]) -> dict[str, str]:
-    topics: dict[str, str] = {}
-    for text in texts:
-        name, _, topic = text.partition("=")
-        if name not in ("markers", "force", "start", "end") or not topic:
-            raise CommandError(
-                f"--topic {text!r} is not NAME=TOPIC; give markers, force, start or end=/topic"
-            )
-        topics[name] = topic
-    return topics
 
 
 def _rows(found: "Identified") -> dict[str, str]:
@@ -170,21 +139,3 @@ def _facts(options: argparse.Namespace, found: "Identified") -> dict[str, Any]:
         "error_estimate": None if found.error is None else found.error.numbers,
         "advice": found.advice,
     }
-
-
-def _write(options: argparse.Namespace, found: "Identified") -> None:
-    from dlo_sim.tuning.scene_file import scene_text
-
-    words = ["dlo_sim", "identify", options.data.name, "--scene", options.scene]
-    words += [word for text in options.assignments for word in ("--set", text)]
-    words += [word for key in options.fit for word in ("--fit", key)]
-    comments = [
-        f"Fitted by {shlex.join(words)}. Only values that differ from the defaults are listed.",
-        "",
-        *(f"{label}: {text}" for label, text in _rows(found).items()),
-        "",
-        "In brackets: 95 % intervals.",
-        "",
-    ]
-    text = scene_text(found.scene, comments)
-    write_whole(options.output, lambda path: path.write_text(text, encoding="utf-8"))

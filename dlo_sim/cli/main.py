@@ -27,9 +27,8 @@ from dlo_sim.cli import (
     tune,
     view,
 )
-from dlo_sim.cli.arguments import CommandError, Parser
-from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.refusal import one_line
+from dlo_sim.cli.arguments import Parser
+from dlo_sim.scene.refusal import Refusal, one_line
 
 REFUSED, FAILED = 2, 3
 # Cures for names that the system refuses, and for what else keeps a file from being written.
@@ -63,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         return _run(arguments)
-    except (CommandError, SceneError) as refusal:
+    except Refusal as refusal:
         return _ended(REFUSED, str(refusal))
     except WorkerLost as loss:
         return _ended(FAILED, str(loss))

@@ -2,18 +2,27 @@
 
 import argparse
 import dataclasses
-import math
-from typing import Any
+from collections.abc import Callable
 
 from dlo_sim.cli.arguments import Parser
 from dlo_sim.cli.output import print_json
 from dlo_sim.core.methods import IMPLICIT, METHODS, Method
 
-_HEADER = (
-    *("method", "order", "symmetric", "symplectic", "conserves energy", "forces/step", "limit"),
-    *("damping", "source"),
-)
-
+_YES_NO = ("no", "yes")
+_COLUMNS: dict[str, Callable[[Method], str]] = {
+    "method": lambda one: one.name,
+    "order": lambda one: str(one.order),
+    "symmetric": lambda one: _YES_NO[one.symmetric],
+    "symplectic": lambda one: _YES_NO[one.symplectic],
+    "conserves energy": lambda one: _YES_NO[one.conserves_energy],
+    "forces/step": lambda one: "solver" if one.family == IMPLICIT else str(one.force_evaluations),
+    "limit": lambda one: f"{one.stability_limit:g}".replace("inf", "none"),
+    "damping": lambda one: (
+        ", ".join(kind for kind in ("mass", "stiffness") if getattr(one, f"{kind}_damping"))
+        or "none"
+    ),
+    "source": lambda one: one.source,
+}
 HELP = "list the time integration methods"
 
 
@@ -29,32 +38,15 @@ def add_arguments(parser: Parser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print the methods; returns the exit status."""
     if options.json:
-        print_json({"methods": [_facts(method) for method in METHODS.values()]})
+        # force_evaluations is 0 where a solver decides.
+        facts = [
+            dataclasses.asdict(one) | {"force_evaluations": one.force_evaluations}
+            for one in METHODS.values()
+        ]
+        print_json({"methods": facts})
         return 0
-    rows = [_HEADER, *(_row(method) for method in METHODS.values())]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(_HEADER))]
-    for row in rows:
-        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
-        print("  ".join(cells).rstrip())
+    columns = [[name, *map(cell, METHODS.values())] for name, cell in _COLUMNS.items()]
+    padded = [[cell.ljust(max(map(len, column))) for cell in column] for column in columns]
+    for row in zip(*padded, strict=True):
+        print("  ".join(row).rstrip())
     return 0
-
-
-def _facts(method: Method) -> dict[str, Any]:
-    """Everything about a method; force_evaluations is 0 where a solver decides."""
-    return dataclasses.asdict(method) | {"force_evaluations": method.force_evaluations}
-
-
-def _row(method: Method) -> tuple[str, ...]:
-    damping = [kind for kind in ("mass", "stiffness") if getattr(method, f"{kind}_damping")]
-    implicit = method.family == IMPLICIT
-    return (
-        method.name,
-        str(method.order),
-        "yes" if method.symmetric else "no",
-        "yes" if method.symplectic else "no",
-        "yes" if method.conserves_energy else "no",
-        "solver" if implicit else str(method.force_evaluations),
-        "none" if math.isinf(method.stability_limit) else f"{method.stability_limit:g}",
-        ", ".join(damping) or "none",
-        method.source,
-    )

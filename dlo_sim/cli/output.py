@@ -6,7 +6,7 @@ import math
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Thread
@@ -15,6 +15,7 @@ from typing import Any
 from dlo_sim.cli.arguments import CommandError
 from dlo_sim.process import stopping
 from dlo_sim.process.atomic_output import write_atomically
+from dlo_sim.scene.description import Scene
 
 _PREPARING = "{desc}: preparing, {elapsed}"
 _BAR = "{desc} {percentage:3.0f} % |{bar:40}| {elapsed}, {remaining} left"
@@ -65,6 +66,19 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
             f"--output {path} could not be written ({error.strerror}); free space or choose "
             "another folder"
         ) from None
+
+
+def write_scene(path: Path, scene: Scene, made: str, lines: Sequence[str]) -> None:
+    """Write a scene file that begins with how it was made and lines about it.
+
+    Raises:
+        CommandError: as `write_whole`.
+    """
+    from dlo_sim.tuning.scene_file import scene_text
+
+    head = f"{made}. Only values that differ from the defaults are listed."
+    text = scene_text(scene, [head, "", *lines, ""])
+    write_whole(path, lambda partial: partial.write_text(text, encoding="utf-8"))
 
 
 def write_arrays(path: Path, arrays: Mapping[str, object]) -> None:
@@ -189,6 +203,12 @@ def tell(line: str) -> None:
     from tqdm import tqdm
 
     tqdm.write(f"dlo_sim: {line}", file=sys.stderr)
+
+
+def run_time(figures: Any) -> str:
+    """What a run says of its times: `wall_s`, `real_time_factor`, `compile_s`."""
+    speed = f"{figures.wall_s:.3g} s ({figures.real_time_factor:.3g} x real time)"
+    return f"{speed}, after {figures.compile_s:.2g} s to start"
 
 
 def error_rows(estimate: Mapping[str, float | None] | None, advice: str) -> dict[str, str]:

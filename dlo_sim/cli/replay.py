@@ -3,12 +3,11 @@
 import argparse
 import dataclasses
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dlo_sim.cli.arguments import CommandError, Parser, add_scene_options, read_scene
-from dlo_sim.cli.output import error_rows, print_json, print_rows, progress_bar, readable
+from dlo_sim.cli.arguments import Parser, add_scene, pairs, read_scene
+from dlo_sim.cli.output import error_rows, print_json, print_rows, progress_bar, readable, run_time
 
 if TYPE_CHECKING:
     from dlo_sim.replay.replay import ReplaySummary
@@ -26,46 +25,30 @@ def add_arguments(parser: Parser) -> None:
         "the same bytes. Exit status 3 if only part of the bag could be replayed or more than 5 % "
         "of a topic's messages were refused; the results so far are kept."
     )
-    parser.add_argument(
-        "bag",
-        metavar="BAG",
-        type=Path,
-        help="rosbag2 folder or file (sqlite3 or MCAP, compressed or not)",
+    text = "rosbag2 folder or file (sqlite3 or MCAP, compressed or not)"
+    parser.option("bag BAG", text, type=Path)
+    parser.option("--params SCENE", "scene file, or a shipped scene's name", required=True)
+    text = "bag to write, in the same storage format; must not exist yet (default: none)"
+    parser.option("--output OUTBAG", text, type=Path)
+    text = (
+        "compare the predicted reaction at an end with a recorded wrench, such as "
+        "start=/ft_compensated"
     )
-    parser.add_argument(
-        "--params", metavar="SCENE", required=True, help="scene file, or a shipped scene's name"
-    )
-    parser.add_argument(
-        "--output",
-        metavar="OUTBAG",
-        type=Path,
-        help="bag to write, in the same storage format; must not exist yet (default: none)",
-    )
-    parser.add_argument(
-        "--compare",
-        metavar="END=TOPIC",
-        action="append",
-        default=[],
-        help="compare the predicted reaction at an end with a recorded wrench, such as "
-        "start=/ft_compensated",
-    )
-    add_scene_options(parser)
+    parser.option("--compare END=TOPIC", text, action="append", default=[])
+    add_scene(parser, named=False)
 
 
 def run(options: argparse.Namespace) -> int:
     """Replay and print the summary; returns the exit status."""
     scene = read_scene(options.params, options.assignments)
-    compare = _comparisons(options.compare)
+    compare = pairs("--compare", options.compare, "END=TOPIC", "start=/topic or end=...")
 
-    from dlo_sim.replay.replay import ReplayError, replay_bag
+    from dlo_sim.replay.replay import replay_bag
 
-    try:
-        with progress_bar("replay") as progress:
-            summary = replay_bag(
-                options.bag, scene, options.output, compare=compare, progress=progress
-            )
-    except ReplayError as refusal:
-        raise CommandError(str(refusal)) from None
+    with progress_bar("replay") as progress:
+        summary = replay_bag(
+            options.bag, scene, options.output, compare=compare or None, progress=progress
+        )
     if options.json:
         print_json(dataclasses.asdict(summary))
     else:
@@ -86,8 +69,7 @@ def _print_summary(bag: Path, summary: "ReplaySummary") -> None:
     rows = {
         "used": f"{summary.messages_used} messages",
         "refused": f"{summary.messages_refused} messages ({refused})",
-        "time": f"{summary.wall_s:.3g} s ({summary.real_time_factor:.3g} x real time), after "
-        f"{summary.compile_s:.2g} s to start",
+        "time": run_time(summary),
     }
     if summary.messages_copied:
         rows["copies"] = f"{summary.messages_copied} messages came again and were ignored"
@@ -103,16 +85,3 @@ def _print_summary(bag: Path, summary: "ReplaySummary") -> None:
     if summary.comparison:
         print()
         print(comparison_table(summary.comparison))
-
-
-def _comparisons(texts: Sequence[str]) -> dict[str, str] | None:
-    """The pairs of `--compare`: end -> topic of the recorded wrench."""
-    pairs: dict[str, str] = {}
-    for text in texts:
-        end, _, topic = text.partition("=")
-        if not end or not topic:
-            raise CommandError(f"--compare {text!r} is not END=TOPIC; give start=/topic or end=...")
-        if end in pairs:
-            raise CommandError(f"--compare {end} is given twice; keep one of them")
-        pairs[end] = topic
-    return pairs or None

@@ -5,19 +5,14 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dlo_sim.cli.arguments import (
-    CommandError,
-    Parser,
-    add_scene_options,
-    positive_seconds,
-    read_scene,
-)
+from dlo_sim.cli.arguments import CommandError, Parser, add_scene, positive_seconds, read_scene
 from dlo_sim.cli.output import (
     check_output_file,
     error_rows,
     print_json,
     print_rows,
     progress_bar,
+    run_time,
     tell,
     write_arrays,
 )
@@ -47,24 +42,12 @@ def add_arguments(parser: Parser) -> None:
         "Run a scene and report run time, steps and energy error. Exit status 3 if the run fails, "
         "130 if Ctrl-C ends it; the results up to then are kept."
     )
-    parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
-    parser.add_argument(
-        "--duration", metavar="S", type=positive_seconds, required=True, help="simulated time [s]"
-    )
-    parser.add_argument(
-        "--every",
-        metavar="S",
-        type=positive_seconds,
-        default=1.0e-3,
-        help="time between recorded samples [s] (default: 0.001)",
-    )
-    parser.add_argument(
-        "--output",
-        metavar="FILE.npz",
-        type=Path,
-        help="write time, control points, centerline, tension, curvature and energy to this file",
-    )
-    add_scene_options(parser)
+    add_scene(parser)
+    parser.option("--duration S", "simulated time [s]", type=positive_seconds, required=True)
+    text = "time between recorded samples [s] (default: 0.001)"
+    parser.option("--every S", text, type=positive_seconds, default=1e-3)
+    text = "write time, control points, centerline, tension, curvature and energy to this file"
+    parser.option("--output FILE.npz", text, type=Path)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -116,8 +99,7 @@ def _print_report(scene: str, output: Path | None, recording: "Recording") -> No
         "method": f"{recording.method}, step {recording.step_s * 1e6:.4g} us, "
         f"{recording.steps} steps, {recording.force_evaluations} {_counted(recording.method)}",
         "chosen": f"{recording.choice}\n{recording.resolution}",
-        "time": f"{recording.wall_s:.3g} s ({recording.real_time_factor:.3g} x real time), "
-        f"after {recording.compile_s:.2g} s to start",
+        "time": run_time(recording),
         "energy error": "-" if error is None else f"{error:.2e} of the largest energy exchanged",
         "active": ", ".join(recording.active_terms) or "-",
         "left out": "\n".join(left_out) or "-",

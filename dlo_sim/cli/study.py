@@ -4,13 +4,12 @@ import argparse
 import dataclasses
 import importlib
 import shlex
-import sys
 from pathlib import Path
 
-from dlo_sim.batch.workers import WorkersError, open_workers
+from dlo_sim.batch.workers import open_workers
 from dlo_sim.cli.arguments import CommandError, Parser, add_scheduler_option, needing_plots
 from dlo_sim.cli.output import check_writable, print_json, print_rows, progress_bar
-from dlo_sim.studies import STUDIES, PeerError, Request
+from dlo_sim.studies import STUDIES, Request
 
 HELP = "run a study and write a report with figures and data"
 
@@ -22,23 +21,11 @@ def add_arguments(parser: Parser) -> None:
         + "; ".join(f"{name} ({what})" for name, what in STUDIES.items())
         + "."
     )
-    parser.add_argument("name", metavar="NAME", choices=STUDIES, help=", ".join(STUDIES))
-    parser.add_argument(
-        "--output", metavar="DIR", type=Path, required=True, help="folder for the results"
-    )
-    parser.add_argument(
-        "--quick", action="store_true", help="shorter runs; all tables and figures are made"
-    )
-    parser.add_argument(
-        "--data", metavar="DIR", type=Path, help="folder of recordings, for validation"
-    )
-    parser.add_argument(
-        "--peers",
-        metavar="PYTHON",
-        nargs="*",
-        help="for contact: also run MuJoCo, which these Python interpreters have (without any, the "
-        "present one); version 4 has other models of cables than version 3, so name one of each",
-    )
+    parser.option("name NAME", ", ".join(STUDIES), choices=STUDIES)
+    parser.option("--output DIR", "folder for the results", type=Path, required=True)
+    text = "shorter runs; all tables and figures are made"
+    parser.add_argument("--quick", action="store_true", help=text)
+    parser.option("--data DIR", "folder of recordings, for validation", type=Path)
     add_scheduler_option(parser)
 
 
@@ -49,31 +36,16 @@ def run(options: argparse.Namespace) -> int:
     if options.data is not None:
         words += ["--data", options.data.name]
     words += ["--quick"] if options.quick else []
-    if options.peers is not None:
-        if options.name != "contact":
-            raise CommandError(f"--peers: study {options.name} has none; study contact has")
-        words += ["--peers", *options.peers]
-    peers = () if options.peers is None else tuple(options.peers) or (sys.executable,)
     no_figures = "study needs matplotlib; install dlo_sim with the extra 'plots'"
-    try:
-        with (
-            needing_plots(no_figures),
-            open_workers(options.scheduler) as workers,
-            progress_bar(f"study {options.name}") as progress,
-        ):
-            request = Request(
-                options.output,
-                options.quick,
-                shlex.join(words),
-                workers,
-                options.data,
-                progress,
-                peers,
-            )
-            module = f"dlo_sim.studies.{options.name.replace('-', '_')}"
-            outcome = importlib.import_module(module).run_study(request)
-    except (WorkersError, PeerError) as refusal:
-        raise CommandError(str(refusal)) from None
+    with (
+        needing_plots(no_figures),
+        open_workers(options.scheduler) as workers,
+        progress_bar(f"study {options.name}") as progress,
+    ):
+        command = shlex.join(words)
+        request = Request(options.output, options.quick, command, workers, options.data, progress)
+        module = f"dlo_sim.studies.{options.name.replace('-', '_')}"
+        outcome = importlib.import_module(module).run_study(request)
     if options.json:
         print_json(dataclasses.asdict(outcome))
         return 0

@@ -2,20 +2,19 @@
 
 import argparse
 import math
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dlo_sim.cli.arguments import (
     CommandError,
     Parser,
-    add_scene_options,
+    add_scene,
+    as_typed,
     number,
     positive_seconds,
     read_scene,
 )
-from dlo_sim.cli.output import check_output_file, print_json, print_rows, progress_bar, write_whole
-from dlo_sim.scene.description import Scene
+from dlo_sim.cli.output import check_output_file, print_json, print_rows, progress_bar, write_scene
 from dlo_sim.scene.loading import find_scene
 
 if TYPE_CHECKING:
@@ -29,32 +28,19 @@ HELP = "find the fastest setting within a tolerance"
 def add_arguments(parser: Parser) -> None:
     """Say what the subcommand does and takes."""
     parser.description = (
-        "Try methods, steps, resolutions, quadratures, stretching by span and an inextensible "
-        "cable, and write the scene with the fastest setting that stays within the tolerance of "
-        "the converged motion of the same scene. Grippers rest at their initial positions. Exit "
+        "Try methods, steps, resolutions, quadratures and stretching by span, and write the scene "
+        "with the fastest setting that stays within the tolerance of the converged motion of the "
+        "same scene. Grippers rest at their initial positions. Exit "
         "status 3 if no setting is within the tolerance; then nothing is written."
     )
-    parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
-    parser.add_argument(
-        "--tolerance",
-        metavar="METRES",
-        type=number(
-            "metres", lambda value: 0.0 < value < math.inf, "a tolerance; give metres above zero"
-        ),
-        required=True,
-        help="largest distance of the cable from its converged motion [m]",
-    )
-    parser.add_argument(
-        "--duration",
-        metavar="S",
-        type=positive_seconds,
-        required=True,
-        help="simulated time over which this must hold [s]",
-    )
-    parser.add_argument(
-        "--output", metavar="TUNED.yaml", type=Path, required=True, help="scene file to write"
-    )
-    add_scene_options(parser)
+    add_scene(parser)
+    fault = "a tolerance; give metres above zero"
+    above_zero = number("metres", lambda value: 0.0 < value < math.inf, fault)
+    text = "largest distance of the cable from its converged motion [m]"
+    parser.option("--tolerance METRES", text, type=above_zero, required=True)
+    text = "simulated time over which this must hold [s]"
+    parser.option("--duration S", text, type=positive_seconds, required=True)
+    parser.option("--output TUNED.yaml", "scene file to write", type=Path, required=True)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -83,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
             f"{tuned.least:.2g} m off; raise --tolerance",
         )
     facts = _facts(tuned, options)
-    _write(options, scene, tuned, facts)
+    write_scene(options.output, tuned.best.taken.applied(scene), *_comments(options, facts))
     if options.json:
         print_json(facts)
     else:
@@ -148,28 +134,10 @@ def _rows(options: argparse.Namespace, facts: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def _comments(options: argparse.Namespace, facts: dict[str, Any]) -> list[str]:
-    """The head of the file."""
-    changed = "".join(
-        f" --set {shlex.quote(' '.join(assignment.split()))}" for assignment in options.assignments
-    )
-    return [
-        f"Tuned by dlo_sim tune {options.scene} --tolerance {options.tolerance:g} "
-        f"--duration {options.duration:g}{changed}. "
-        "Only values that differ from the defaults are listed.",
-        "",
-        *(f"{label:<10} {text}" for label, text in _rows(options, facts).items()),
-        "Grippers rested. Times hold for the machine that measured them.",
-        *(["rattle does not model stretching."] if facts["method"] == "rattle" else []),
-        "",
-    ]
-
-
-def _write(
-    options: argparse.Namespace, scene: Scene, tuned: "Tuned", facts: dict[str, Any]
-) -> None:
-    from dlo_sim.tuning.scene_file import scene_text
-
-    assert tuned.best is not None
-    text = scene_text(tuned.best.taken.applied(scene), _comments(options, facts))
-    write_whole(options.output, lambda path: path.write_text(text, encoding="utf-8"))
+def _comments(options: argparse.Namespace, facts: dict[str, Any]) -> tuple[str, list[str]]:
+    """How the scene was made, and lines about it."""
+    words = ["dlo_sim", "tune", options.scene, "--tolerance", f"{options.tolerance:g}"]
+    words += ["--duration", f"{options.duration:g}"]
+    rows = [f"{label:<10} {text}" for label, text in _rows(options, facts).items()]
+    last = "Grippers rested. Times hold for the machine that measured them."
+    return f"Tuned by {as_typed(words, options.assignments)}", [*rows, last]

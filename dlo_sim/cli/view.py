@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dlo_sim.cli.arguments import CommandError, Parser, add_scene_options, needing_plots, read_scene
+from dlo_sim.cli.arguments import CommandError, Parser, add_scene, needing_plots, read_scene
 from dlo_sim.cli.output import check_output_file, print_json, print_rows, progress_bar, write_whole
 
 if TYPE_CHECKING:
@@ -23,34 +23,22 @@ def add_arguments(parser: Parser) -> None:
         "Make a web page that plays a run in 3D, with plots, and needs only a browser; or make a "
         "film, a still or plots. Works without a display."
     )
-    parser.add_argument(
-        "run_path",
-        metavar="RUN",
-        type=Path,
-        help="npz of dlo_sim simulate, or a bag with control points from replay or the node",
+    text = "npz of dlo_sim simulate, or a bag with control points from replay or the node"
+    parser.option("run_path RUN", text, type=Path)
+    text = (
+        "file to write (default: the name of the run with the suffix of the format, in the "
+        "current folder)"
     )
-    parser.add_argument(
-        "--output",
-        metavar="FILE",
-        type=Path,
-        help="file to write (default: the name of the run with the suffix of the format, in the "
-        "current folder)",
+    parser.option("--output FILE", text, type=Path)
+    text = (
+        "png is a still of the motion, plots a png of all quantities over time (default: by the "
+        "suffix of --output, else html)"
     )
-    parser.add_argument(
-        "--format",
-        choices=tuple(_SUFFIXES),
-        help="png is a still of the motion, plots a png of all quantities over time (default: by "
-        "the suffix of --output, else html)",
-    )
-    parser.add_argument(
-        "--params",
-        metavar="SCENE",
-        help="scene of a bag, needed for the tension and for discretization.knots auto",
-    )
-    parser.add_argument(
-        "--node", metavar="NAME", default="", help="full name of the node, if the bag has several"
-    )
-    add_scene_options(parser)
+    parser.option("--format", text, choices=tuple(_SUFFIXES))
+    text = "scene of a bag, needed for the tension and for discretization.knots auto"
+    parser.option("--params SCENE", text)
+    parser.option("--node NAME", "full name of the node, if the bag has several", default="")
+    add_scene(parser, named=False)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -63,14 +51,11 @@ def run(options: argparse.Namespace) -> int:
         raise CommandError("--set changes a scene; give it with --params")
     scene = read_scene(options.params, options.assignments) if options.params else None
 
-    from dlo_sim.view.run import RunError, read_run
+    from dlo_sim.view.run import read_run
 
-    try:
-        with progress_bar("view") as progress:
-            seen = read_run(path, scene, options.node)
-            write_whole(output, partial(_writer(kind, progress), seen))
-    except RunError as refusal:
-        raise CommandError(str(refusal)) from None
+    with progress_bar("view") as progress:
+        seen = read_run(path, scene, options.node)
+        write_whole(output, partial(_writer(kind, progress), seen))
     frames, span = len(seen.time), float(seen.time[-1] - seen.time[0])
     if options.json:
         print_json({"output": str(output), "format": kind, "times": frames, "duration_s": span})

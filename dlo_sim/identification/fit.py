@@ -32,6 +32,7 @@ from dlo_sim.batch.workers import Workers
 from dlo_sim.identification.prediction import Sensor
 from dlo_sim.identification.problem import DELAY, HARDENING, YIELD, Problem, Unknown
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.refusal import Refusal
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -67,7 +68,7 @@ NORMAL = 1.96  # standard deviations of 95 %
 DRAWS, SEED = 12, 1  # of noise of the starts
 
 
-class FitError(Exception):
+class FitError(Refusal):
     """A fit that cannot be made: one line with the cure."""
 
 
@@ -83,7 +84,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Fit:
-    """What came of a fit.
+    """The result of a fit.
 
     Attributes:
         scene, sensor: with the fitted values. numbers: fitted.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from dlo_sim.batch.workers import Workers
 from dlo_sim.identification.fit import Fit, FitError, Progress, fit
-from dlo_sim.identification.measurement import START_FRAMES, Recording
+from dlo_sim.identification.measurement import Measurement
 from dlo_sim.identification.prediction import (
     COMPUTATION,
     Prediction,
@@ -37,7 +37,7 @@ TRAINING, LEFT_OUT, ALL = "training pieces", "left-out pieces", "all pieces, fit
 
 @dataclass(frozen=True)
 class Identified:
-    """What came of an identification.
+    """The result of an identification.
 
     Attributes:
         scene: with the numbers fitted to all pieces. fit: of all pieces.
@@ -59,7 +59,7 @@ class Identified:
     failures: list[str]
     pieces: int
     left_out: int
-    recordings: tuple[Recording, ...]
+    recordings: tuple[Measurement, ...]
     predicted: tuple[Prediction, ...]
     seconds: float
     error: DiscretizationError | None
@@ -69,7 +69,7 @@ class Identified:
 def identify(
     scene: Scene,
     asked: Mapping[str, object],
-    recordings: Sequence[Recording],
+    recordings: Sequence[Measurement],
     workers: Workers,
     keys: Sequence[str],
     left_out: float,
@@ -104,7 +104,7 @@ def identify(
         if base.terms.plasticity == "off":
             raise FitError(f"--fit {YIELD}: terms.plasticity is off; set it to auto")
         base = plastic(base)
-    problem = Problem(base, unknowns, pieces, START_FRAMES)
+    problem = Problem(base, unknowns, pieces)
     away = int(left_out * len(pieces))
     first = replace(problem, recordings=pieces[: len(pieces) - away])
     found = fit(first, workers, lambda share: progress(0.6 * share if away else share), tell)
@@ -145,7 +145,7 @@ def identify(
 
 
 def _scores(
-    title: str, pieces: Sequence[Recording], predicted: Sequence[Prediction]
+    title: str, pieces: Sequence[Measurement], predicted: Sequence[Prediction]
 ) -> dict[str, Score]:
     """Mean score of the pieces under a title; nothing where there are no markers."""
     both = zip(pieces, predicted, strict=False)

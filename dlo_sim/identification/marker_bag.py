@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import rotations
 from dlo_sim.identification.measurement import (
+    Measurement,
     MeasurementError,
-    Recording,
     checked_points,
     shares_along,
 )
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 MARKERS = (cdr.POSE_ARRAY, cdr.MARKER_ARRAY, cdr.POINT_CLOUD)
 
 
-def read_marker_bag(path: Path, topics: Mapping[str, str]) -> Recording:
+def read_marker_bag(path: Path, topics: Mapping[str, str]) -> Measurement:
     """The recording in a bag: PoseArray, MarkerArray or PointCloud2 of the markers in their order
     from start to end, or a WrenchStamped of the load on the start, and a PoseStamped topic for each
     end effector.
@@ -111,7 +111,7 @@ def _chosen(bag: Bag, topics: Mapping[str, str]) -> dict[str, tuple[str, str]]:
     return chosen
 
 
-def _recording(path: Path, stamped: Mapping[str, list[tuple[int, Array]]]) -> Recording:
+def _recording(path: Path, stamped: Mapping[str, list[tuple[int, Array]]]) -> Measurement:
     """Frames of the markers or forces with the poses interpolated to their stamps, where all are
     known.
     """
@@ -142,7 +142,7 @@ def _recording(path: Path, stamped: Mapping[str, list[tuple[int, Array]]]) -> Re
     }
     if "force" in stamped:
         none = np.zeros((len(times), 0, 3))
-        return Recording(path.name, times, none, paths, np.zeros(0), forces=rows)
+        return Measurement(path.name, times, none, paths, np.zeros(0), forces=rows)
     held = [paths[end][:, None, :3] for end in ("start", "end") if end in paths]
     chain = np.concatenate([held[0], rows, *held[1:]], axis=1)
     try:
@@ -153,7 +153,7 @@ def _recording(path: Path, stamped: Mapping[str, list[tuple[int, Array]]]) -> Re
     known = {"cable.length": length, "start.position": paths["start"][0, :3].tolist()}
     if "end" in paths:
         known["end.position"] = paths["end"][0, :3].tolist()
-    return Recording(path.name, times, rows, paths, shares, known)
+    return Measurement(path.name, times, rows, paths, shares, known)
 
 
 def _rows(messages: list[tuple[int, Array]]) -> tuple[NDArray[np.int64], Array]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dlo_sim.core import rotations
 from dlo_sim.core.two_points import poses_of_two_points
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.refusal import Refusal
 from dlo_sim.session.gripper_path import Pose, SmoothedPoses
 
 Array = NDArray[np.float64]
@@ -31,12 +32,12 @@ _HANGING = {
 }
 
 
-class MeasurementError(Exception):
+class MeasurementError(Refusal):
     """Data that cannot be read: one line that names the file, the value and the cure."""
 
 
 @dataclass(frozen=True)
-class Recording:
+class Measurement:
     """One piece of motion.
 
     Attributes:
@@ -77,7 +78,7 @@ class Recording:
                 "the simulation starts; leave out these frames, or cut other pieces by --piece"
             )
 
-    def pieces(self, duration: float) -> list[Recording]:
+    def pieces(self, duration: float) -> list[Measurement]:
         """Parts of about this duration [s] and of `LEAST_FRAMES` or more, each from time 0; what
         starts from rest is one.
         """
@@ -87,7 +88,7 @@ class Recording:
         edges = np.linspace(0, len(self.times), count + 1).astype(int)
         return [self._part(*part, count) for part in itertools.pairwise(edges)]
 
-    def _part(self, first: int, last: int, count: int) -> Recording:
+    def _part(self, first: int, last: int, count: int) -> Measurement:
         if count == 1:
             return self
         start = self.times[first]
@@ -99,8 +100,8 @@ class Recording:
             poses={end: path[first:last] for end, path in self.poses.items()},
         )
 
-    def disturbed(self, rng: np.random.Generator, frames: int) -> Recording:
-        """With noise on the markers of the first frames, as large as that of all frames is by the
+    def disturbed(self, rng: np.random.Generator) -> Measurement:
+        """With noise on the markers from which it starts, as large as that of all frames is by the
         differences between five known ones that follow each other.
         """
         paths = self.markers.reshape(len(self.times), -1).T
@@ -110,10 +111,11 @@ class Recording:
         apart = np.concatenate([np.abs(np.diff(path, order)) / spread for path in known])
         markers = self.markers.copy()
         noise = float(np.median(apart)) / NORMAL_MEDIAN if apart.size else 0.0
-        markers[:frames] += rng.normal(0.0, noise, markers[:frames].shape)
+        first = markers[:START_FRAMES]
+        first += rng.normal(0.0, noise, first.shape)
         return replace(self, markers=markers)
 
-    def smoothed(self, scene: Scene) -> Recording:
+    def smoothed(self, scene: Scene) -> Measurement:
         """With the poses as `pose_smoothing` of the scene's ends has them."""
         half = {end: round(1e9 * scene.ends[end].pose_smoothing) for end in self.poses}
         paths = {end: _smoothed(self.times, path, half[end]) for end, path in self.poses.items()}

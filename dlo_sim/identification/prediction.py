@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.batch.workers import Workers
 from dlo_sim.core import bspline, mass
-from dlo_sim.identification.measurement import START_FRAMES, Recording
+from dlo_sim.identification.measurement import START_FRAMES, Measurement
 from dlo_sim.replay.comparison import AxisComparison, compare_reaction
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
@@ -26,7 +26,7 @@ from dlo_sim.simulation.simulator import Simulator
 Array = NDArray[np.float64]
 SLOW = 0.5  # [s], error that lasts longer is slow
 STEP = 0.01  # [s], where the scene chooses; half of it moves 12 markers by 0.1 mm
-# How recordings are simulated where nobody says otherwise; the start comes from the markers.
+# Default settings for the simulation of recordings; the start comes from the markers.
 COMPUTATION: dict[str, object] = {
     "discretization.control_points": 17,
     "discretization.stretch": "span",
@@ -68,12 +68,7 @@ class Prediction:
     seconds: float
 
 
-def predict(
-    scene: Scene,
-    recording: Recording,
-    start_frames: int = START_FRAMES,
-    sensor: Sensor | None = None,
-) -> Prediction:
+def predict(scene: Scene, recording: Measurement, sensor: Sensor | None = None) -> Prediction:
     """What the scene predicts from the start and the poses.
 
     The start are the first frames of the markers; of a recording of forces it is the equilibrium at
@@ -87,7 +82,7 @@ def predict(
     u = recording.shares * scene.cable.length
     samples = times[1:]
     if recording.forces is None:
-        begin(simulator, recording, u, start_frames)
+        begin(simulator, recording, u, slice(START_FRAMES))
     else:
         steps = np.arange(1, int(times[-1] / simulator.step + 1e-9) + 1)
         samples = np.minimum(steps * simulator.step, times[-1])
@@ -146,15 +141,15 @@ def interpolated(times: Array, grid: Array, rows: Array) -> Array:
 
 
 def predicted_of(
-    scene: Scene, recordings: Sequence[Recording], workers: Workers, sensor: Sensor | None = None
+    scene: Scene, recordings: Sequence[Measurement], workers: Workers, sensor: Sensor | None = None
 ) -> list[Prediction]:
     """`predict` of several recordings."""
-    return list(workers.map(_predict, [(scene, one, START_FRAMES, sensor) for one in recordings]))
+    return list(workers.map(_predict, [(scene, one, sensor) for one in recordings]))
 
 
 def position_error(
     scene: Scene,
-    recordings: Sequence[Recording],
+    recordings: Sequence[Measurement],
     predicted: Sequence[Prediction],
     workers: Workers,
     sensor: Sensor | None = None,
@@ -182,22 +177,19 @@ def position_error(
     return error_along(Simulator(scene, first), places(predicted), with_another)
 
 
-def _predict(item: tuple[Scene, Recording, int, Sensor | None]) -> Prediction:
+def _predict(item: tuple[Scene, Measurement, Sensor | None]) -> Prediction:
     return predict(*item)
 
 
-def begin(simulator: Simulator, recording: Recording, u: Array, frames: int) -> None:
-    """Start from the first frames of the markers and the end effectors."""
-    coordinates, points = [u], [recording.markers[:frames]]
-    if "start" in recording.poses:
-        coordinates.insert(0, np.zeros(1))
-        points.insert(0, recording.poses["start"][:frames, None, :3])
-    if "end" in recording.poses:
-        coordinates.append(np.array([simulator.scene.cable.length]))
-        points.append(recording.poses["end"][:frames, None, :3])
-    simulator.start_from_points(
-        np.concatenate(points, axis=1), recording.times[:frames], np.concatenate(coordinates)
-    )
+def begin(simulator: Simulator, recording: Measurement, u: Array, frames: slice) -> None:
+    """Start from the markers and the end effectors in these frames."""
+    ends = {"start": 0.0, "end": simulator.scene.cable.length}
+    held = {at: recording.poses[end] for end, at in ends.items() if end in recording.poses}
+    points = [recording.markers[frames], *(path[frames, None, :3] for path in held.values())]
+    coordinates = np.concatenate([u, list(held)])
+    order = np.argsort(coordinates, kind="stable")
+    chain = np.concatenate(points, axis=1)[:, order]
+    simulator.start_from_points(chain, recording.times[frames], coordinates[order])
 
 
 @dataclass(frozen=True)
@@ -219,7 +211,7 @@ class Score:
     fast: float
 
 
-def score(recording: Recording, predicted: Array) -> Score:
+def score(recording: Measurement, predicted: Array) -> Score:
     """Score of predicted markers, shape (F, M, 3), frames 2 and later."""
     error = (predicted - recording.markers)[2:]
     slow = _averaged(error, max(1, round(SLOW / float(np.median(np.diff(recording.times))))))
@@ -232,7 +224,7 @@ def score(recording: Recording, predicted: Array) -> Score:
     )
 
 
-def reaction(recording: Recording, predicted: Prediction) -> list[AxisComparison]:
+def reaction(recording: Measurement, predicted: Prediction) -> list[AxisComparison]:
     """Predicted against measured forces, axis by axis; empty where none were measured."""
     if recording.forces is None:
         return []
@@ -248,7 +240,7 @@ def mean_score(scores: Sequence[Score]) -> Score:
     return Score(*rows.mean(axis=0).tolist())
 
 
-def _l1(recording: Recording, error: Array) -> float:
+def _l1(recording: Measurement, error: Array) -> float:
     markers = error.shape[1]
     share = markers / (markers + recording.counted) * len(error) / len(recording.times)
     return float(np.nanmean(np.abs(error)) * share)

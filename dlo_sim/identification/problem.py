@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.batch.workers import Workers
-from dlo_sim.identification.measurement import Recording
+from dlo_sim.identification.measurement import START_FRAMES, Measurement
 from dlo_sim.identification.prediction import Sensor, predict
 from dlo_sim.scene.description import Scene, scene_values
 
@@ -67,7 +67,7 @@ class Unknown:
         return float(np.exp(seen)) if self.log else float(seen)
 
 
-def unknowns_of(scene: Scene, recording: Recording) -> tuple[Unknown, ...]:
+def unknowns_of(scene: Scene, recording: Measurement) -> tuple[Unknown, ...]:
     """All that can be fitted to a scene from markers, or from forces."""
     length, mu, markers = scene.cable.length, scene.cable.mu, recording.forces is None
     twisting = int(markers)  # with the natural curvature, by which twist moves markers
@@ -135,13 +135,12 @@ class Problem:
     """A scene with numbers to fit to recordings.
 
     Attributes:
-        scene: `prepared`. start_frames: of a recording, from which its simulation starts.
+        scene: `prepared`.
     """
 
     scene: Scene
     unknowns: tuple[Unknown, ...]
-    recordings: tuple[Recording, ...]
-    start_frames: int
+    recordings: tuple[Measurement, ...]
 
     def start(self) -> Array:
         """What the fit sees of the scene's own values."""
@@ -162,7 +161,7 @@ class Problem:
         (T, N).
         """
         pairs = [(*self.at(seen), one) for seen in points for one in self.recordings]
-        found = list(workers.map(error_of, [(*pair, self.start_frames) for pair in pairs]))
+        found = list(workers.map(error_of, pairs))
         count = len(self.recordings)
         return [
             np.concatenate(found[first : first + count]) for first in range(0, len(found), count)
@@ -178,14 +177,12 @@ class Problem:
     @property
     def pieces(self) -> NDArray[np.int64]:
         """Which recording each row of `errors` is of, shape (T,)."""
-        counts = [len(one.times[compared(one, self.start_frames)]) for one in self.recordings]
+        counts = [len(one.times[compared(one)]) for one in self.recordings]
         return np.repeat(np.arange(len(counts)), counts)
 
     def disturbed(self, rng: np.random.Generator) -> Problem:
         """The problem with more of the markers' own noise on the frames from which it starts."""
-        return replace(
-            self, recordings=tuple(one.disturbed(rng, self.start_frames) for one in self.recordings)
-        )
+        return replace(self, recordings=tuple(one.disturbed(rng) for one in self.recordings))
 
     @property
     def _values(self) -> dict[str, Any]:
@@ -208,18 +205,18 @@ class Problem:
         return changed
 
 
-def compared(recording: Recording, start_frames: int) -> slice:
+def compared(recording: Measurement) -> slice:
     """Which frames of a recording are compared."""
     every = max(1, round(BETWEEN / float(np.median(np.diff(recording.times)))))
-    return slice(start_frames, None, every)
+    return slice(START_FRAMES, None, every)
 
 
-def error_of(item: tuple[Scene, Sensor, Recording, int]) -> Array:
+def error_of(item: tuple[Scene, Sensor, Measurement]) -> Array:
     """Predicted less measured markers by MARKER and forces by FORCE at the frames compared, shape
     (T, 3 M), with forces (T, 3 M + 3); 0 where one is missing.
     """
-    scene, sensor, recording, frames = item
-    found, chosen = predict(scene, recording, frames, sensor), compared(recording, frames)
+    scene, sensor, recording = item
+    found, chosen = predict(scene, recording, sensor), compared(recording)
     markers = (found.markers - recording.markers)[chosen] / MARKER
     rows = [markers.reshape(len(markers), -1)]
     if recording.forces is not None:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from dlo_sim.core import arguments
 from dlo_sim.core.npz import NpzRefused, read_npz
 from dlo_sim.identification.measurement import (
+    Measurement,
     MeasurementError,
-    Recording,
     checked_points,
     clamped_at,
     poses_of_two_markers,
@@ -32,7 +32,7 @@ DOUBT = 2.0  # between the length given and that along the markers, from which o
 
 def read_recordings(
     path: str | os.PathLike[str], topics: Mapping[str, str] | None = None
-) -> list[Recording]:
+) -> list[Measurement]:
     """The pieces of motion in a file: `.npz` of markers, or a bag.
 
     Args:
@@ -51,7 +51,7 @@ def read_recordings(
     return [read_marker_bag(place, topics or {})]
 
 
-def _read_npz(path: Path) -> list[Recording]:
+def _read_npz(path: Path) -> list[Measurement]:
     """Markers of several pieces: `pos_um` [1e-6 m] (pieces, F, M, 3), `rate_hz`, `clamped` (the two
     first and two last markers), `length_m`, `mass_g`.
     """
@@ -68,7 +68,7 @@ def _read_npz(path: Path) -> list[Recording]:
 
 def _pieces(
     name: str, markers: Array, rate_hz: float, length_m: float, mass_g: float
-) -> list[Recording]:
+) -> list[Measurement]:
     """Recordings of markers [m], shape (pieces, F, M, 3)."""
     # The grippers hold the cable midway between their two markers.
     middles = 0.5 * (markers[:, :, [0, -2]] + markers[:, :, [1, -1]])
@@ -86,7 +86,7 @@ def _pieces(
             known = {"cable.length": length, "cable.linear_density": mu, **clamped_at(poses)}
             title, free = f"{name} piece {number}", piece[:, 2:-2]
             recordings.append(
-                Recording(title, times, free, poses, shares[2:-2], known, counted=len(CLAMPED))
+                Measurement(title, times, free, poses, shares[2:-2], known, counted=len(CLAMPED))
             )
     except MeasurementError as refusal:
         raise MeasurementError(f"pos_um: {refusal}") from None
@@ -99,7 +99,7 @@ def _pieces(
 
 
 def _arrays(path: Path) -> dict[str, Any]:
-    """What stands under `NPZ_KEYS`."""
+    """The arrays with the names of `NPZ_KEYS`."""
     try:
         given = read_npz(path, NPZ_KEYS)
     except NpzRefused as refused:

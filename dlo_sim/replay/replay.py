@@ -22,6 +22,7 @@ from dlo_sim.replay.bags import Bag, BagError, BagWriter, topic_list
 from dlo_sim.replay.comparison import AxisComparison, Recording, compare_reaction
 from dlo_sim.replay.storage import Record
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.refusal import Refusal
 from dlo_sim.session import cdr
 from dlo_sim.session.session import Session, SessionStatus
 from dlo_sim.session.time_base import SECOND
@@ -104,7 +105,7 @@ class ReplaySummary(ReplayFigures):
     advice: str = ""
 
 
-class ReplayError(Exception):
+class ReplayError(Refusal):
     """A replay that is refused: one line names bag or topic and the cure. Nothing was written."""
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
-from dlo_sim.scene.terms import IMPLICIT_METHODS, TERMS, Term
+from dlo_sim.scene.terms import IMPLICIT_METHODS, KEEPING_LENGTH, TERMS, Term
 
 Vector = NDArray[np.float64]
 _SPACE = (0, 1, 2)

@@ -12,7 +12,11 @@ _brief.maxlist = _brief.maxtuple = 8
 _LONGEST_LINE = 2000
 
 
-class SceneError(ValueError):
+class Refusal(Exception):
+    """Input that is refused: one line that names it, what is wrong and the cure."""
+
+
+class SceneError(Refusal, ValueError):
     """An invalid scene or value: one line with key, value and cure."""
 
     def __init__(self, message: str) -> None:

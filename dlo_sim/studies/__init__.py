@@ -19,8 +19,7 @@ STUDIES = {
     "work-precision": "error against run time of methods, resolutions and steps",
     "omission": "time per step with and without each term of the shipped scenes, and the error "
     "of omitting it",
-    "contact": "known answers of contact and friction, error against run time, beside MuJoCo "
-    "(--peers)",
+    "contact": "known answers of contact and friction, error against run time",
     "validation": "predictions compared with recorded cables (--data), trivial references and the "
     "noise floor",
 }
@@ -47,7 +46,6 @@ class Request:
         folder: of the results. quick: shorter runs, with all tables and figures.
         command: as typed by the user. workers: for runs that are not timed.
         data: folder of recordings, for validation. progress: called with the fraction done.
-        peers: Python interpreters whose MuJoCo runs beside, for contact.
     """
 
     folder: Path
@@ -56,8 +54,3 @@ class Request:
     workers: Workers
     data: Path | None = None
     progress: Callable[[float], None] = lambda fraction: None
-    peers: tuple[str, ...] = ()
-
-
-class PeerError(Exception):
-    """Another simulator that a study was asked to compare with is not there; in one line."""

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from functools import partial
 
-from dlo_sim.studies import Outcome, Request, contact_peers
+from dlo_sim.studies import Outcome, Request
 from dlo_sim.studies.bodies import (
     YAW,
     bounce,
@@ -26,13 +26,13 @@ from dlo_sim.studies.bodies import (
     slope,
     sticking,
 )
-from dlo_sim.studies.known_answers import Answer, Measured
+from dlo_sim.studies.known_answers import Answer, Answers
 from dlo_sim.studies.report import Report
 from dlo_sim.studies.strands import LOOPS, knot, linked, plectoneme
 from dlo_sim.studies.throws import throws
 
 # A test as a function of its resolution, and resolutions: of every study, and of a full one.
-Test = tuple[Callable[..., Measured], tuple[float, ...], tuple[float, ...]]
+Test = tuple[Callable[..., Answers], tuple[float, ...], tuple[float, ...]]
 PANELS: dict[str, dict[str, Test]] = {  # panel of the figure -> name -> test
     "at rest, pushed, and landing": {
         "rest on a table, yaw 0": (partial(rest, 0.0), (1e-2,), (5e-3,)),
@@ -77,8 +77,6 @@ CHART = "panel | test | run time [s] | largest error [%]"
 
 def run_study(request: Request) -> Outcome:
     """Run the study into a folder."""
-    peers = contact_peers.find(request.peers)
-    share = 0.2 if peers else 1.0  # of the time; the rest is MuJoCo's
     report = Report(request, "Contact and friction: known answers", {})
     rows: list[tuple[object, ...]] = []
     loops: list[tuple[object, ...]] = []
@@ -98,7 +96,7 @@ def run_study(request: Request) -> Outcome:
             loops += found.loops
             relative = [abs(answer.error) for answer in found.answers if answer.exact]
             points += [(panel, name, found.seconds, max(relative))] if relative else []
-        request.progress(share * (number + 1.0) / len(tests))
+        request.progress((number + 1.0) / len(tests))
     report.text(
         """The resolution is a step [s], a number of control points or of throws; a test is judged
         at the last one. Run time is processor time of the steps with energy_momentum, without
@@ -120,16 +118,10 @@ def run_study(request: Request) -> Outcome:
         polynomials in (D / e)^(1/2) at 0."""
     )
     report.table("knots", LOOPS, loops, "Overhand knots: means of the pull between two loops")
-    if peers:
-
-        def progress(done: float) -> None:
-            request.progress(share + (1.0 - share) * done)
-
-        verdicts |= contact_peers.compare(report, peers, request.quick, progress)
     return report.outcome(verdicts)
 
 
-def verdict(found: Measured) -> str:
+def verdict(found: Answers) -> str:
     """Whether all answers are within what is allowed: the one that is nearest to it or beyond."""
     worst = max(found.answers, key=lambda one: abs(one.error) / (one.allowed or 1e-300))
     words = "meets" if all(answer.meets for answer in found.answers) else "misses"

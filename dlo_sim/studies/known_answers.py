@@ -1,17 +1,18 @@
-"""Known answers: what the tests of a study measure beside exact values."""
+"""Known answers: what the tests of study contact measure beside exact values."""
 
 from __future__ import annotations
 
-import time
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.studies.runs import Timed
 
 Array = NDArray[np.float64]
 Values = dict[str, object]
@@ -48,8 +49,10 @@ class Answer(NamedTuple):
         return f"{self.quantity} {abs(self.error):.2g}, allowed {self.allowed:.2g}"
 
 
-class Measured(NamedTuple):
-    """Answers of one run, and the processor time [s] of its steps; of knots the rows of LOOPS."""
+class Answers(NamedTuple):
+    """Answers of a test, the processor time [s] of its steps, its last simulator; of knots the rows
+    of LOOPS.
+    """
 
     answers: tuple[Answer, ...]
     seconds: float
@@ -57,24 +60,32 @@ class Measured(NamedTuple):
     loops: tuple[tuple[object, ...], ...] = ()
 
 
-def simulator(*values: Values, step: float, method: str = "energy_momentum") -> Simulator:
-    """A simulator of merged values."""
-    merged: Values = {"integrator.method": method, "integrator.step": step}
+def answered(sims: Timed | list[Timed], *answers: Answer) -> Answers:
+    """Answers of one or several simulators."""
+    every = [sims] if isinstance(sims, Timed) else sims
+    return Answers(answers, sum(one.seconds for one in every), every[-1])
+
+
+def flat(groups: Mapping[str, object], prefix: str = "") -> Values:
+    """Nested groups as values of a scene: {"cable": {"length": 1.0}} -> {"cable.length": 1.0}."""
+    found: Values = {}
+    for key, value in groups.items():
+        inside = isinstance(value, dict)
+        found |= flat(value, f"{prefix}{key}.") if inside else {prefix + key: value}  # type: ignore[arg-type]
+    return found
+
+
+def simulator(*values: Mapping[str, object], step: float) -> Timed:
+    """A simulator of merged values, nested or not, with energy_momentum."""
+    merged: Values = {"integrator.method": "energy_momentum", "integrator.step": step}
     for one in values:
-        merged |= one
-    return Simulator(scene_from_values(merged))
+        merged |= flat(one)
+    return Timed(scene_from_values(merged))
 
 
-def advanced(sim: Simulator, seconds: float) -> float:
-    """Advance; returns the processor time [s]."""
-    began = time.process_time()
-    report = sim.advance(seconds)
-    if not report.status.ok:
-        raise RuntimeError(f"contact: {report.message}")
-    return time.process_time() - began
-
-
-def motion(seconds: float, position: Array, velocity: Array, start: float = 0.0) -> EndMotion:
+def motion(
+    seconds: float, position: ArrayLike, velocity: ArrayLike, start: float = 0.0
+) -> EndMotion:
     """A motion at constant velocity from time `start`."""
     return EndMotion(
         start=start,

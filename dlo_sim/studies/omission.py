@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.scene import description, terms
+from dlo_sim.scene import description
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, scene_values, shipped_scenes
 from dlo_sim.scene.needs import check_terms, needs_of
@@ -33,9 +33,9 @@ STIFF = 1.0e6  # [N/m], a spring that holds as well as a fixed axis
 FREE: Values = {"start.spring": [0.0] * 3, "end.spring": [0.0] * 3}
 STILL: Values = {"start.pose_topic": "", "end.pose_topic": ""}
 SPACE: Values = {"terms.out_of_plane": "on"}
-TWIST: Values = {"terms.twist": "quasistatic"}
-UNTWISTED: Values = {"terms.twist": "off"}  # that every method and every other term allows
+UNTWISTED: Values = {"terms.twist": "off"}
 BISHOP: Values = {"terms.twist": "bishop"}
+QUASISTATIC: Values = {"terms.twist": "quasistatic"}
 # Accelerated motion of grippers from rest, as an inextensible cable does not admit a velocity jump:
 # [m], [rad], [s]
 MOVED, TURNED, MOVING = 0.15, 1.0, 1.0
@@ -50,9 +50,9 @@ EXPLANATION = """Time per step with and without the term, compiled, least of the
     both runs, see the note. Driven grippers move sideways and rotate about the cable with constant
     acceleration. A term that a scene leaves out automatically has a reason, and an error of zero or
     round-off; terms that it lacks are added without visible effect. Without *stretch* the cable is
-    inextensible (rattle, another method), without *frenet* or *bishop* it does not twist, without
-    *drive* grippers are at rest, and without *out of plane* loads
-    normal to the plane are removed. *Air drag* is a part of damping."""
+    inextensible, without *frenet* there is no twist, without *drive* grippers are at rest, and
+    without *out of plane* loads normal to the plane are removed. *Air drag* is a part of
+    damping."""
 HEADER = (
     "scene | term | in its step | with [us/step] | without [us/step] | saved [%] {:.0f} | "
     "error without it [mm] | note"
@@ -62,10 +62,13 @@ CAPTION = "Time per step with and without each term, and the error made by leavi
 Piece = tuple[Scene, bool, float]  # a scene, whether its grippers are at rest, duration [s]
 
 
-def _present_twist(scene: Scene) -> Values:
-    """The model of twist that the scene has, by name, so that it stays whatever else changes."""
-    needs = needs_of(scene)
-    return {"terms.twist": needs.twist_model} if "twist" in needs else {}
+def _inextensible(scene: Scene) -> Values:
+    """No stretch, by a method that keeps the length; without one, the cable would fall apart."""
+    values: Values = {"terms.stretch": "off", "integrator.method": "auto", "integrator.step": 0.0}
+    lost = [line for line in needs_of(scene.with_values(values)).warnings if "stretch" in line]
+    if lost:
+        raise SceneError(lost[0])
+    return values
 
 
 def _sprung(scene: Scene) -> Values:
@@ -104,7 +107,6 @@ NOTHING: Values = {
     "loads.nothing.signal": "constant",
 }
 HELD: Values = {"start.fixed": [True] * 3, "end.fixed": [True] * 3, **FREE}
-RATTLE: Values = {"integrator.method": "rattle", "integrator.step": 0.0}
 FRENET: Values = {"terms.twist": "frenet", "torsion.curvature_floor": FLOOR}
 UNTOUCHED: Values = {"terms.contact": "off"}  # also for methods whose steps cannot land
 GROUND: Values = {"obstacles.names": ["ground"], "obstacles.ground.position": [0.0, 0.0, -DEEP]}
@@ -112,12 +114,11 @@ YIELDING: Values = {"plasticity.yield_curvature": NEVER, "terms.plasticity": "on
 DRAG: Values = {"damping.air_drag": TINY}
 DEFAULTS = scene_values(description.default_scene())
 TERMS = {
-    "stretch": Term({"terms.stretch": "on"}, RATTLE),
+    "stretch": Term({"terms.stretch": "on"}, _inextensible),
     "bend": Term({"terms.bend": "on"}, {"terms.bend": "off"}),
-    "twist": Term(TWIST, UNTWISTED, along=("frenet", "bishop", "quasistatic")),
-    "frenet": Term(FRENET, UNTWISTED, "terms.twist is not frenet", ("twist",)),
-    "bishop": Term(BISHOP, UNTWISTED, "terms.twist is not bishop", ("twist", "quasistatic")),
-    "quasistatic": Term(TWIST, BISHOP, "terms.twist is not quasistatic"),
+    "twist": Term(BISHOP, UNTWISTED, along=("quasistatic",)),
+    "frenet": Term(FRENET, UNTWISTED, "terms.twist is not frenet", ("twist", "quasistatic")),
+    "quasistatic": Term(QUASISTATIC, BISHOP, "terms.twist is not quasistatic"),
     "contact": Term(GROUND, UNTOUCHED, along=("friction",)),
     "self_contact": Term({"contact.self": "on"}, {"contact.self": "off"}),
     "friction": Term({"contact.friction": 0.3}, _smooth),
@@ -131,29 +132,26 @@ TERMS = {
     "out_of_plane": Term(SPACE, _flat, along=("loads",)),
     **{
         one.name: Term({**one.faint}, {key: DEFAULTS[key] for key in one.faint}, along=("damping",))
-        for one in terms.TERMS
+        for one in description.TERMS
         if one.faint
     },
 }
 # Changes to both runs of a pair, tried in this order until the pair differs in one term alone: of
 # the method, where it does not support a term, and of what else a term needs or would bring along.
-VERLET: Values = {"integrator.method": "velocity_verlet", "integrator.step": 0.0}
-PLAIN: Values = {"damping.stiffness": 0.0, "damping.air_drag": 0.0}
-UNBENT: Values = {"cable.rest_curvature": [0.0]}
-# The inertia of twist is left out by an implicit method only.
 IMPLICIT: Values = {"integrator.method": "energy_momentum", "integrator.step": 0.0}
-OTHERS: tuple[Values, ...] = ({}, VERLET, {**VERLET, **PLAIN}, {**VERLET, **PLAIN, **UNBENT})
-METHODS = (*OTHERS, IMPLICIT, *({**one, **UNTOUCHED} for one in OTHERS))
-COMMON: tuple[Change, ...] = (
+VERLET: Values = {"integrator.method": "velocity_verlet", "integrator.step": 0.0}
+PLAIN: Values = {"damping.stiffness": 0.0, "damping.air_drag": 0.0, "cable.rest_curvature": [0.0]}
+METHODS: tuple[Values, ...] = ({}, IMPLICIT, {**VERLET, **PLAIN}, {**VERLET, **PLAIN, **UNTOUCHED})
+COMMON: tuple[Values, ...] = (
     {},
-    _present_twist,
-    UNTWISTED,
     SPACE,
+    QUASISTATIC,
+    UNTWISTED,
+    BISHOP,
     {**SPACE, **UNTWISTED},
-    {**SPACE, **UNTWISTED, "initial.shape": "straight"},  # no equilibria with torsion are computed
     {**SPACE, **BISHOP},
     {**UNTWISTED, "end.clamped": False},
-    {**UNTWISTED, **STILL},
+    {"initial.shape": "straight"},
     GROUND,
     {**GROUND, **BISHOP},
 )
@@ -216,7 +214,7 @@ def _pair(scene: Scene, name: str) -> tuple[Values, Scene, Scene]:
     """The first pair of scenes that differs in this term alone: common changes, with, without."""
     term = TERMS[name]
     for method, common in product(METHODS, COMMON):
-        shared = {**_values(common, scene), **method}
+        shared = {**common, **method}
         try:
             base = scene.with_values(shared)
             present = has(base, name)
@@ -224,6 +222,8 @@ def _pair(scene: Scene, name: str) -> tuple[Values, Scene, Scene]:
             full, bare = (base, other) if present else (other, base)
             if not (has(full, name) and not has(bare, name) and _alike(full, bare, name)):
                 continue
+            if has(full, "frenet") and full.initial.shape == "equilibrium":
+                continue  # none is computed with torsion
             for one in (full, bare):  # refused, as by a simulator, if no method supports it
                 check_terms(one, needs_of(one))
                 selection.choose(one, 0.0)
@@ -264,33 +264,20 @@ def job(scene: Scene, duration: float, still: bool = False) -> Job:
     return Job(scene, duration, tuple(np.linspace(0.0, 1.0, 21)), 2e-3, tuple(motions))
 
 
-@dataclass(frozen=True)
-class Row:
-    """Result for a term of a scene: whether the scene's own step contains it, time per step [s]
-    with and without it, largest distance [m] between the two motions (nan if a run failed), and
-    notes.
+class Row(NamedTuple):
+    """Result for a term of a scene, a row of the table: whether the scene's own step contains it,
+    time per step [s] with and without it, share saved, largest distance [m] between the two
+    motions, and notes; None where a run failed.
     """
 
     scene: str
     term: str
-    automatic: bool
-    full: float
-    bare: float
-    error: float
+    own: str
+    full: float | None
+    bare: float | None
+    saved: float | None
+    error: float | None
     note: str
-
-    @property
-    def label(self) -> str:
-        """Label of its bars."""
-        return f"{self.scene}: {self.term}{'' if self.automatic else ' (left out)'}"
-
-    @property
-    def cells(self) -> list[Any]:
-        """Row of the table."""
-        numbers = (self.full, self.bare, 1.0 - self.bare / self.full, self.error)
-        shown = [number if np.isfinite(number) else None for number in numbers]
-        automatic = "yes" if self.automatic else "left out"
-        return [self.scene, self.term, automatic, *shown, self.note.replace("|", "/")]
 
 
 def run_study(request: Request) -> Outcome:
@@ -310,9 +297,12 @@ def run_study(request: Request) -> Outcome:
             rows.append(row_of(name, variant, *_side_by_side(both, motions, BUDGET[quick])))
         request.progress(0.5 + 0.5 * len({row.scene for row in rows}) / len(scenes))
     report.text(EXPLANATION)
-    report.table("omission", HEADER, [row.cells for row in rows], CAPTION)
-    timed = [row for row in rows if np.isfinite(row.full + row.bare)]
-    bars = [(row.label, row.full, row.bare) for row in timed]
+    report.table("omission", HEADER, rows, CAPTION)
+    bars = [
+        (f"{row.scene}: {row.term}{'' if row.own == 'yes' else ' (left out)'}", row.full, row.bare)
+        for row in rows
+        if row.full and row.bare
+    ]
     report.bars("omission_bars", BARS, bars, "Time per step with and without each term")
     return report.outcome(verdicts_of(rows))
 
@@ -324,8 +314,8 @@ def verdicts_of(rows: list[Row]) -> dict[str, str]:
     """
     verdicts = {}
     for scene in dict.fromkeys(row.scene for row in rows):
-        out = [r for r in rows if (r.scene, r.automatic) == (scene, False) and r.term != "frenet"]
-        errors = [row.error for row in out if np.isfinite(row.error)]
+        out = [r for r in rows if (r.scene, r.own) == (scene, "left out") and r.term != "frenet"]
+        errors = [row.error for row in out if row.error is not None]
         worst = f"{1e3 * max(errors):.2g} mm" if errors else "none to compare"
         verdicts[scene] = f"what is left out automatically changes the motion by: {worst}"
     return verdicts
@@ -359,17 +349,18 @@ def _side_by_side(both: list[Piece], motions: Mapping[Piece, Trial], budget: flo
 
 def row_of(name: str, variant: Variant, full: Trial, bare: Trial) -> Row:
     """The result for a term from its two trials."""
-    notes, off = [variant.note] if variant.note else [], np.nan
-    times = {"with it": np.nan, "without it": np.nan}
+    notes, times = [variant.note] if variant.note else [], []
     sides = (("with it", variant.full, full), ("without it", variant.bare, bare))
     for which, scene, trial in sides:
+        times.append(trial.wall * trial.step if trial.ok else None)
         if not trial.ok:
             notes.append(f"{which}: {trial.message}")
-            continue
-        times[which] = trial.wall * trial.step
-        if trial.setting != present_setting(scene):
+        elif trial.setting != present_setting(scene):
             notes.append(f"{which}: fails at its own step, run at {SMALLER:g} of it")
+    saved, off = None, None
     if full.ok and bare.ok:
+        saved = 1.0 - bare.wall * bare.step / (full.wall * full.step)
         off = farthest(bare.points, full.points)
-    full_s, bare_s = times.values()
-    return Row(name, variant.term, variant.automatic, full_s, bare_s, off, "; ".join(notes))
+    own, note = "yes" if variant.automatic else "left out", "; ".join(notes).replace("|", "/")
+    with_it, without_it = times
+    return Row(name, variant.term, own, with_it, without_it, saved, off, note)

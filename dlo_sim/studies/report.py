@@ -42,7 +42,6 @@ COLORS = {
     "energy_momentum": "tab:orange",
     "energy_momentum_4": "tab:olive",
     "implicit_midpoint": "tab:brown",
-    "rattle": "tab:gray",
 }
 MOST_INSIDE = 5  # lines whose legend fits inside the axes
 
@@ -277,6 +276,11 @@ def draw(
         axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.01, 0.5))
     elif len(lines) > 1:
         axes.legend(fontsize="small")
+
+
+def curves(x: Iterable[Any], lines: Mapping[str, Iterable[Any]], *panel: str) -> list[Any]:
+    """Rows of a chart: the points of each line, to the end of the shorter one."""
+    return [(*panel, name, *at) for name, y in lines.items() for at in zip(x, y, strict=False)]
 
 
 def shown(cell: Any, form: str = "") -> str:

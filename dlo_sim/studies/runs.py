@@ -1,5 +1,6 @@
 """Runs of the studies: scenes with a method and a step, recorded, compared and timed (after a
-warm-up, repeated, the minimum with its spread)."""
+warm-up, repeated, the minimum with its spread). What runs without a setting of `tuning` runs here.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +18,6 @@ from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.recording import Recording, record
 from dlo_sim.simulation.simulator import Simulator
 
-UNESTIMATED = {"accuracy.estimate": "off"}
 Array = NDArray[np.float64]
 Case = TypeVar("Case", bound=tuple[Hashable, ...])
 Result = TypeVar("Result")
@@ -48,16 +48,39 @@ def _called(function: Callable[..., Result], case: tuple[Hashable, ...]) -> Resu
     return function(*case)
 
 
-def run(scene: Scene, duration: float, every: float) -> Recording:
-    """Record a run that must reach its end; its errors are known from finer runs, not estimated.
+def run(scene: Scene, duration: float, every: float, whole: bool = True) -> Recording:
+    """Record a run; its errors are known from finer runs, not estimated.
 
     Raises:
-        RuntimeError: it failed, with the simulator's message.
+        RuntimeError: it must be whole and failed, with the simulator's message.
     """
-    recording = record(scene.with_values(UNESTIMATED), duration, every)
-    if not recording.ok:
+    recording = record(scene.with_values({"accuracy.estimate": "off"}), duration, every)
+    if whole and not recording.ok:
         raise RuntimeError(f"a run of the study failed: {recording.message}")
     return recording
+
+
+def reaches(scene: Scene, duration: float) -> bool:
+    """Whether a run gets to its end [s], whatever its step."""
+    return Simulator(scene, unchecked_step=True).advance(duration).status.advanced
+
+
+class Timed(Simulator):
+    """A simulator that adds up the processor time of its steps, `seconds` [s]."""
+
+    seconds = 0.0
+
+    def run(self, duration: float) -> None:
+        """Advance by a duration [s].
+
+        Raises:
+            RuntimeError: a step failed.
+        """
+        began = time.process_time()
+        report = self.advance(duration)
+        self.seconds += time.process_time() - began
+        if not report.status.ok:
+            raise RuntimeError(f"a run of the study failed: {report.message}")
 
 
 def distance(one: Recording, other: Recording) -> Array:

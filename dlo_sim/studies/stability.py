@@ -24,7 +24,7 @@ from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies import Outcome, Request
 from dlo_sim.studies.report import Report, new_figure
-from dlo_sim.studies.runs import bisected
+from dlo_sim.studies.runs import bisected, reaches
 
 WIRE = {
     "cable.length": 2.0,
@@ -237,7 +237,7 @@ def observed(point: Point, predicted: float) -> tuple[float, float]:
 def survives(point: Point, step: float) -> bool:
     """Whether a trial of a step [s] reaches its end."""
     steps = max(round(point.extent.trial / step), point.extent.fewest)
-    return point.simulator(step).advance_steps(steps).status.advanced
+    return reaches(point.scene(step), steps * step)
 
 
 def _figure(

@@ -8,16 +8,17 @@ import numpy as np
 
 from dlo_sim.core import bspline
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.known_answers import (
     Answer,
+    Answers,
     Array,
-    Measured,
     Values,
-    advanced,
+    answered,
+    flat,
     motion,
     simulator,
 )
+from dlo_sim.studies.runs import Timed
 
 
 def laid_along(path: Array, points: int) -> tuple[float, Array]:
@@ -32,17 +33,31 @@ def laid_along(path: Array, points: int) -> tuple[float, Array]:
 LEG, BOW = 0.15, 0.03  # length of the legs of a loop, and its radius [m]
 
 
-STRANDS: Values = {  # held at both ends, and touch each other
-    "gravity": [0.0, 0.0, 0.0],
-    "contact.self": "on",
-    "terms.twist": "off",
-    "terms.out_of_plane": "on",
-    "start.fixed": [True] * 3,
-    "end.fixed": [True] * 3,
-}
+CLAMPED = {"fixed": [True] * 3, "clamped": True, "tangent": [1.0, 0.0, 0.0]}
+STRANDS: Values = flat(
+    {  # held at both ends, and touch each other
+        "cable": {"linear_density": 0.05, "bending_stiffness": 1e-3},
+        "damping": {"air_drag": 0.3, "bend": 5e-3, "stretch": 1e-3},
+        "gravity": [0.0, 0.0, 0.0],
+        "contact": {"self": "on"},
+        "terms": {"twist": "off", "out_of_plane": "on"},
+        "start": {"fixed": [True] * 3},
+        "end": {"fixed": [True] * 3},
+        "discretization": {"knots": "uniform"},
+    }
+)
 
 
-def linked(points: int) -> Measured:
+def along(place: Array, length: float, step: float, *values: Values) -> Timed:
+    """A cable with these control points (n, 3) and this length [m], straight without strain."""
+    ends: Values = {"start.position": place[0].tolist(), "end.position": place[-1].tolist()}
+    size: Values = {"cable.length": length, "discretization.control_points": len(place)}
+    sim = simulator(STRANDS, size, ends, *values, step=step)
+    sim.start_from(np.hstack([place, np.zeros((len(place), 1))]))
+    return sim
+
+
+def linked(points: int) -> Answers:
     """Two loops of one cable, one through the other, are pulled apart: the force between them is
     the tension of both legs of a loop.
     """
@@ -70,35 +85,17 @@ def linked(points: int) -> Measured:
     held = {"near": leg, "far": length - leg}
     grasps: Values = {"grasps.names": list(held)}
     for name, u in held.items():
-        grasps[f"grasps.{name}.at"] = u / length
-        grasps[f"grasps.{name}.position"] = bspline.evaluate(place, knots, [u])[0].tolist()
-    sim = simulator(
-        STRANDS,
-        grasps,
-        {
-            "cable.length": length,
-            "cable.diameter": 0.005,
-            "cable.linear_density": 0.05,
-            "cable.axial_stiffness": 500.0,
-            "cable.bending_stiffness": 1e-3,
-            "damping.air_drag": 0.3,
-            "damping.bend": 2e-3,
-            "damping.stretch": 1e-3,
-            "start.position": place[0].tolist(),
-            "end.position": place[-1].tolist(),
-            "discretization.control_points": points,
-            "discretization.knots": "uniform",
-        },
-        step=2e-3,
-    )
-    sim.start_from(np.hstack([place, np.zeros((points, 1))]))
+        there = bspline.evaluate(place, knots, [u])[0].tolist()
+        grasps |= flat({"grasps": {name: {"at": u / length, "position": there}}})
+    cable: Values = {"cable.diameter": 0.005, "cable.axial_stiffness": 500.0, "damping.bend": 2e-3}
+    sim = along(place, length, 2e-3, grasps, cable)
     for name in ("far", "end"):
-        sim.set_motion(name, motion(0.6, sim.end_pose(name)[0], np.array([0.1, 0.0, 0.0])))
-    seconds = advanced(sim, 2.0)
+        sim.set_motion(name, motion(0.6, sim.end_pose(name)[0], [0.1, 0.0, 0.0]))
+    sim.run(2.0)
     found = sim.contacts["itself"]
     force = np.linalg.norm(found.forces[found.u < leg].sum(axis=0))
     tension = float(sim.tension(np.array([0.1, leg - 0.1])).sum())
-    return Measured((Answer("force [N]", tension, float(force), 0.01),), seconds, sim)
+    return answered(sim, Answer("force [N]", tension, float(force), 0.01))
 
 
 KNOT_EI = 1e-3  # [N m^2]
@@ -109,7 +106,7 @@ LOOPS = (
 )
 
 
-def knot(points: int) -> Measured:
+def knot(points: int) -> Answers:
     """Pull F of an overhand knot without friction: F e^2 / (2 pi^2 EI) = 1 with the end shortening
     e, where the loop is much larger than the cable is thick.
 
@@ -122,10 +119,10 @@ def knot(points: int) -> Measured:
     its mean, at the geometric mean of e. An end feels a pull that ripples by 1 % about it while the
     segments of one strand pass those of the other.
     """
-    seconds, rows, found = 0.0, [], []
+    sims, rows, found = [], [], []
     for diameter in KNOT_DIAMETERS:
-        (e, energy, felt, apart), sim, took = tightened(points, diameter)
-        seconds += took
+        (e, energy, felt, apart), sim = tightened(points, diameter)
+        sims.append(sim)
         mean = np.sqrt(e[1:] * e[:-1])
         pull = np.diff(energy) / np.diff(apart)
         thin = np.sqrt(diameter / mean)
@@ -138,11 +135,11 @@ def knot(points: int) -> Measured:
         for k, values in enumerate(zip(mean, thin, pull, factor, ends, strict=True)):
             rows.append((points, diameter, *values, power[k - 1] if k else None))
     thins, factors, middles, powers = (np.concatenate(one) for one in zip(*found, strict=True))
-    answers = (
+    return answered(
+        sims,
         Answer("F e^2 / (2 pi^2 EI)", 1.0, extrapolated(thins, factors), 0.05),
         Answer("exponent", -2.0, extrapolated(middles, powers), 0.025),
-    )
-    return Measured(answers, seconds, sim, tuple(rows))
+    )._replace(loops=tuple(rows))
 
 
 def extrapolated(x: Array, y: Array) -> float:
@@ -150,12 +147,12 @@ def extrapolated(x: Array, y: Array) -> float:
     return float(np.polynomial.Polynomial.fit(x, y, 2)(0.0))
 
 
-def tightened(points: int, diameter: float) -> tuple[Array, Simulator, float]:
+def tightened(points: int, diameter: float) -> tuple[Array, Timed]:
     """An overhand knot that is tightened from one of KNOT_SHORTER to the next.
 
     Returns:
         Of each loop the end shortening of the stretched cable [m], energy [J], pull at an end [N]
-        and distance of the ends [m], shape (4, loops); the simulator; processor time [s].
+        and distance of the ends [m], shape (4, loops); the simulator.
     """
     t = np.linspace(-2.05, 2.05, 4000)
     x, y = 0.05 * (t**3 - 3.0 * t), 0.04 * (t**4 - 4.0 * t**2)
@@ -171,47 +168,30 @@ def tightened(points: int, diameter: float) -> tuple[Array, Simulator, float]:
     )
     length, place = laid_along(path, points)
     axial = 2e3
-    sim = simulator(
-        STRANDS,
-        {
-            "cable.length": length,
-            "cable.diameter": diameter,
-            "cable.linear_density": 0.05,
-            "cable.axial_stiffness": axial,
-            "cable.bending_stiffness": KNOT_EI,
-            "damping.air_drag": 0.5,
-            "damping.bend": 5e-3,
-            "damping.stretch": 1e-3,
-            "start.position": place[0].tolist(),
-            "end.position": place[-1].tolist(),
-            "discretization.control_points": points,
-            "discretization.knots": "uniform",
-        },
-        step=4e-3,
-    )
-    sim.start_from(np.hstack([place, np.zeros((points, 1))]))
+    cable: Values = {"cable.diameter": diameter, "cable.axial_stiffness": axial}
+    sim = along(place, length, 4e-3, cable, {"damping.air_drag": 0.5})
     chord = place[-1] - place[0]
-    along, apart = chord / np.linalg.norm(chord), float(np.linalg.norm(chord))
-    seconds, loops = 0.0, []
+    way_out, apart = chord / np.linalg.norm(chord), float(np.linalg.norm(chord))
+    loops = []
     for wanted in KNOT_SHORTER:
         way = length - wanted - apart
         moving = way / 0.3
         for name, sign in (("start", -0.5), ("end", 0.5)):
             place_now = sim.end_pose(name)[0]
-            sim.set_motion(name, motion(moving, place_now, sign * 0.3 * along, sim.time))
-        seconds += advanced(sim, moving + 5.0)
+            sim.set_motion(name, motion(moving, place_now, sign * 0.3 * way_out, sim.time))
+        sim.run(moving + 5.0)
         apart += way
-        pull, energy = abs(float(sim.reaction("end")[0] @ along)), sim.energy()
+        pull, energy = abs(float(sim.reaction("end")[0] @ way_out)), sim.energy()
         shorter = wanted + pull * length / axial
         loops.append((shorter, energy.total - energy.kinetic, pull, apart))
-    return np.array(loops).T, sim, seconds
+    return np.array(loops).T, sim
 
 
 TURNS, COILED = 8, 0.6  # turns of one end, length [m]
 COIL_STIFFNESS, COIL_WEIGHT = 1e-3, 0.05 * 0.5  # of torsion [N m^2]; a small lateral load [N/m]
 
 
-def plectoneme(points: int) -> Measured:
+def plectoneme(points: int) -> Answers:
     """A cable that is twisted by 8 turns and coils about itself as its clamps approach.
 
     Link, the sum of twist and writhe, is the turns of its end. The torque of the end clamp is that
@@ -219,31 +199,23 @@ def plectoneme(points: int) -> Measured:
     and the moment of the small lateral load about the x axis, on which the clamps are; and it
     does not creep away while the cable rests.
     """
-    clamp: Values = {"fixed": [True] * 3, "clamped": True, "tangent": [1.0, 0.0, 0.0]}
     sim = simulator(
+        STRANDS,
         {
             "cable.length": COILED,
             "cable.diameter": 0.004,
-            "cable.linear_density": 0.05,
             "cable.axial_stiffness": 1e3,
-            "cable.bending_stiffness": 1e-3,
             "cable.torsional_stiffness": COIL_STIFFNESS,
-            "damping.air_drag": 0.3,
-            "damping.bend": 5e-3,
-            "damping.stretch": 1e-3,
             "damping.twist": 1e-3,
             "gravity": [0.0, 0.0, COIL_WEIGHT / 0.05],
-            "contact.self": "on",
             "contact.friction": 0.1,
-            "terms.twist": "quasistatic",
-            **{f"{end}.{key}": value for end in ("start", "end") for key, value in clamp.items()},
-            "end.position": [0.97 * COILED, 0.0, 0.0],
+            "terms": {"twist": "quasistatic", "out_of_plane": "auto"},
+            "start": CLAMPED,
+            "end": {**CLAMPED, "position": [0.97 * COILED, 0.0, 0.0]},
             "discretization.control_points": points,
-            "discretization.knots": "uniform",
         },
         step=2e-3,
     )
-    seconds = 0.0
     for duration, way, turned in ((1.0, 0.0, TURNS), (1.5, -0.2, 0), (2.0, 0.0, 0)):
         position, orientation = sim.end_pose("end")
         moving = EndMotion(
@@ -255,24 +227,24 @@ def plectoneme(points: int) -> Measured:
             angular_velocity=[2.0 * math.pi * turned / duration, 0.0, 0.0],
         )
         sim.set_motion("end", moving)
-        seconds += advanced(sim, duration)
+        sim.run(duration)
     line = sim.centerline(np.linspace(0.0, COILED, 8 * points + 1))
     far = np.array([[40.0 * COILED, 0.0, 0.0]])
     coils = writhe(np.vstack((line[:1] - far, line, line[-1:] + far)))
     twist = float(np.diff(sim.control_points[[0, -1], 3])[0]) / (2.0 * math.pi)
     start, end = (float(sim.reaction(name)[1][0]) for name in ("start", "end"))
     load = COIL_WEIGHT * COILED * float(np.mean(0.5 * (line[1:, 1] + line[:-1, 1])))
-    seconds += advanced(sim, 3.0)
+    sim.run(3.0)
     kept, account = float(sim.reaction("end")[1][0]), sim.cable.account
     left = COIL_STIFFNESS * 2.0 * math.pi * (TURNS - coils) / COILED
-    answers = (
+    return answered(
+        sim,
         Answer("link [turns]", TURNS, twist + coils, 0.01 / TURNS),
         Answer("torque of the end [N m]", left, end, 0.01),
         Answer("torque of the start [N m]", -end - load, start, 0.01),
         Answer("torque of the end, 3 s later [N m]", end, kept, 0.001),
         Answer("crossings", 0.0, float(account.crossed + account.pairs_lost), 0.0),
     )
-    return Measured(answers, seconds, sim)
 
 
 def writhe(line: Array) -> float:

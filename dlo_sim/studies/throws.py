@@ -17,14 +17,8 @@ import numpy as np
 from dlo_sim.core import mass, rotations
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.known_answers import (
-    Answer,
-    Array,
-    Measured,
-    Values,
-    advanced,
-    simulator,
-)
+from dlo_sim.studies.known_answers import Answer, Answers, Array, Values, flat, simulator
+from dlo_sim.studies.runs import Timed
 from dlo_sim.studies.strands import laid_along, writhe
 
 KINDS = ("box", "sphere", "edge", "itself")
@@ -47,18 +41,17 @@ PLACES = 101  # of the axis, at a look
 MIDDLE = 0.6  # share of a body that needles cross
 HIT = 1e-6  # share of the momentum that a body changes
 JUMP = 1.0  # change of the writhe between two looks, far less than that unless strands pass
-THROWN: Values = {
-    "cable.diameter": THICK,
-    "cable.density": 1200.0,
-    "cable.youngs_modulus": 1e8,
-    "start.fixed": [False] * 3,
-    "end.fixed": [False] * 3,
-    "gravity": [0.0, 0.0, 0.0],
-    "terms.twist": "off",
-    "terms.out_of_plane": "on",
-    "discretization.control_points": POINTS,
-    "discretization.knots": "uniform",
-}
+FREE = {"fixed": [False] * 3}
+THROWN: Values = flat(
+    {
+        "cable": {"diameter": THICK, "density": 1200.0, "youngs_modulus": 1e8},
+        "start": FREE,
+        "end": FREE,
+        "gravity": [0.0, 0.0, 0.0],
+        "terms": {"twist": "off", "out_of_plane": "on"},
+        "discretization": {"control_points": POINTS, "knots": "uniform"},
+    }
+)
 
 
 class Throw(NamedTuple):
@@ -81,7 +74,7 @@ class Throw(NamedTuple):
     seconds: float
 
 
-def throws(count: int) -> Measured:
+def throws(count: int) -> Answers:
     """`count` throws, in turn at all of KINDS."""
     found, failed = [], 0
     for number in range(count):
@@ -92,7 +85,7 @@ def throws(count: int) -> Measured:
     return judged(count, found, failed)
 
 
-def judged(count: int, found: list[Throw], failed: int) -> Measured:
+def judged(count: int, found: list[Throw], failed: int) -> Answers:
     """Answers of `count` throws. They are not met by NaN, or where all throws failed."""
     energy = largest([one.energy for one in found])
     open_by = {
@@ -108,7 +101,7 @@ def judged(count: int, found: list[Throw], failed: int) -> Measured:
         Answer(f"momentum of {count} throws, {words}, open by", 0.0, open_by[kind], allowed)
         for kind, (words, allowed) in KEPT.items()
     )
-    return Measured(answers, sum(one.seconds for one in found), None)
+    return Answers(answers, sum(one.seconds for one in found), None)
 
 
 def largest(values: list[float]) -> float:
@@ -132,9 +125,9 @@ def thrown(number: int, settings: Values) -> Throw:
         needles = in_the_middle(sim.scene.bodies[0])
     u = np.linspace(0.0, sim.scene.cable.length, PLACES)
     line, begun, thrust = sim.centerline(u), kept_momentum(kind, sim), momentum(sim)
-    passed, hit, seconds = False, False, 0.0
+    passed, hit = False, False
     for _ in range(round(DURATION / max(step, LOOK))):
-        seconds += advanced(sim, max(step, LOOK))
+        sim.run(max(step, LOOK))
         hit = hit or sim.energy().contact > 0.0
         before, line = line, sim.centerline(u)
         if kind == "itself":
@@ -147,10 +140,10 @@ def thrown(number: int, settings: Values) -> Throw:
     known = kind == "itself" or (kind in KEPT and sim.scene.contact.friction == 0.0)
     finite = bool(np.isfinite(sim.control_points).all() and np.isfinite(sim.velocities).all())
     off = float(changed) if known else None
-    return Throw(kind, passed, finite, hit, sim.energy_error, off, seconds)
+    return Throw(kind, passed, finite, hit, sim.energy_error, off, sim.seconds)
 
 
-def at_body(kind: str, rng: np.random.Generator, step: float, settings: Values) -> Simulator:
+def at_body(kind: str, rng: np.random.Generator, step: float, settings: Values) -> Timed:
     """A wavy cable that flies down at a body, turned at random; an edge is that of a long bar
     across its way.
     """
@@ -169,24 +162,18 @@ def at_body(kind: str, rng: np.random.Generator, step: float, settings: Values) 
         lies = rotations.from_rotation_vector(np.array([0.5 * math.pi, 0.0, 0.0]))
         across = rotations.multiply(rotations.from_rotation_vector(np.array([0, 0, angle])), lies)
         turn = rotations.multiply(across, rotations.from_rotation_vector(np.array([0, 0, roll])))
-    body: Values = {
-        "cable.length": length,
-        "start.position": points[0].tolist(),
-        "end.position": points[-1].tolist(),
-        "obstacles.names": ["body"],
-        "obstacles.body.shape": "sphere" if kind == "sphere" else "box",
-        "obstacles.body.size": (2.0 * half).tolist(),
-        "obstacles.body.position": place.tolist(),
-        "obstacles.body.orientation": turn.tolist(),
+    body = {
+        "shape": "sphere" if kind == "sphere" else "box",
+        "size": (2.0 * half).tolist(),
+        "position": place.tolist(),
+        "orientation": turn.tolist(),
     }
-    sim = simulator(THROWN, body, settings, step=step)
-    rates = np.zeros((POINTS, 4))
-    rates[:, :3] = [*rng.normal(0.0, 0.2, 2), -SPEED]
-    sim.start_from(np.hstack([points, np.zeros((POINTS, 1))]), rates)
-    return sim
+    velocities = np.tile([*rng.normal(0.0, 0.2, 2), -SPEED], (POINTS, 1))
+    touched = flat({"obstacles": {"names": ["body"], "body": body}}) | settings
+    return flying(length, points, velocities, step, touched)
 
 
-def at_itself(rng: np.random.Generator, step: float, settings: Values) -> Simulator:
+def at_itself(rng: np.random.Generator, step: float, settings: Values) -> Timed:
     """A hairpin, one strand of which flies at the other; seen along their way, they cross."""
     t = np.linspace(0.0, 1.0, 300)[:, None]
     angle = np.pi * np.linspace(0.5, -0.5, 200)[1:-1, None]
@@ -203,17 +190,18 @@ def at_itself(rng: np.random.Generator, step: float, settings: Values) -> Simula
         )
     )
     length, points = laid_along(path, POINTS)
-    held: Values = {
-        "cable.length": length,
-        "start.position": points[0].tolist(),
-        "end.position": points[-1].tolist(),
-    }
-    sim = simulator(THROWN, {"contact.self": "on"}, held, settings, step=step)
-    rates = np.zeros((POINTS, 4))
-    rates[:, :3] = rng.normal(0.0, 1.0, 3)
+    velocities = np.tile(rng.normal(0.0, 1.0, 3), (POINTS, 1))
     thrown = np.clip((-0.01 - points[:, 0]) / 0.02, 0.0, 1.0) * (points[:, 1] > 0.0)
-    rates[:, 1] -= SPEED * thrown
-    sim.start_from(np.hstack([points, np.zeros((POINTS, 1))]), rates)
+    velocities[:, 1] -= SPEED * thrown
+    return flying(length, points, velocities, step, {"contact.self": "on"} | settings)
+
+
+def flying(length: float, points: Array, velocities: Array, step: float, values: Values) -> Timed:
+    """A cable with control points (n, 3) [m] and their velocities [m/s]."""
+    ends: Values = {"start.position": points[0].tolist(), "end.position": points[-1].tolist()}
+    sim = simulator(THROWN, ends, {"cable.length": length}, values, step=step)
+    none = np.zeros((POINTS, 1))
+    sim.start_from(np.hstack([points, none]), np.hstack([velocities, none]))
     return sim
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
-from dlo_sim.identification.measurement import LEAST_FRAMES, START_FRAMES, Recording
+from dlo_sim.identification.measurement import START_FRAMES, Measurement
 from dlo_sim.identification.prediction import Score, begin, interpolated, mean_score, predict, score
 from dlo_sim.identification.readers import read_recordings
 from dlo_sim.scene.description import Measured, Scene
@@ -57,7 +57,7 @@ class Cable:
 
     name: str
     scene: Scene
-    pieces: tuple[Recording, ...]
+    pieces: tuple[Measurement, ...]
     predicted: tuple[Array, ...]
     failures: tuple[str, ...]
     scores: tuple[Score, ...]
@@ -181,12 +181,12 @@ def _charts(report: Report, cable: Cable) -> None:
     report.chart(f"{cable.name}_shapes", header, shapes, caption, equal=True, looks=looks)
 
 
-def held(recording: Recording) -> Array:
+def held(recording: Measurement) -> Array:
     """The first shape, held constant, (F, M, 3)."""
     return np.repeat(recording.markers[:1], len(recording.times), axis=0)
 
 
-def moved(recording: Recording) -> Array:
+def moved(recording: Measurement) -> Array:
     """The first shape moved with the grippers, blended along the cable, (F, M, 3)."""
     shift = {end: path[:, :3] - path[0, :3] for end, path in recording.poses.items()}
     start, end = shift["start"], shift.get("end", shift["start"])
@@ -195,7 +195,7 @@ def moved(recording: Recording) -> Array:
     return np.asarray(recording.markers[:1] + blended)
 
 
-def resting(item: tuple[Scene, Recording]) -> Array:
+def resting(item: tuple[Scene, Measurement]) -> Array:
     """Static equilibria at the poses of the grippers, of an elastic cable, (F, M, 3)."""
     scene, recording = item
     # What slips depends on the way there; the share of the stiffness that does not slip remains.
@@ -214,7 +214,7 @@ def resting(item: tuple[Scene, Recording]) -> Array:
     return interpolated(recording.times, recording.times[frames], np.array(shapes))
 
 
-def spline_distance(item: tuple[Scene, Recording]) -> float:
+def spline_distance(item: tuple[Scene, Measurement]) -> float:
     """Mean distance [m] of the free markers from a spline of the recorded length fitted to them:
     noise, slip and the resolution of the spline.
     """
@@ -225,30 +225,22 @@ def spline_distance(item: tuple[Scene, Recording]) -> float:
     apart = []
     for frame in _frames(recording):
         simulator = Simulator(scene, _poses(recording, frame))
-        still_frames = np.full(LEAST_FRAMES, frame)
-        part = Recording(
-            recording.name,
-            recording.times[:LEAST_FRAMES],
-            recording.markers[still_frames],
-            {end: path[still_frames] for end, path in recording.poses.items()},
-            recording.shares,
-        )
-        begin(simulator, part, u, 1)
+        begin(simulator, recording, u, slice(frame, frame + 1))
         curve = bspline.evaluate(simulator.control_points[:, :3], simulator.model.knots, u)
-        apart.append(np.linalg.norm(curve - part.markers[0], axis=1))
+        apart.append(np.linalg.norm(curve - recording.markers[frame], axis=1))
     return float(np.nanmean(apart))
 
 
-def _frames(recording: Recording) -> NDArray[np.int64]:
+def _frames(recording: Measurement) -> NDArray[np.int64]:
     last = len(recording.times) - 1
     return np.unique(np.append(np.arange(0, last, EVERY), last))
 
 
-def _poses(recording: Recording, frame: int) -> dict[str, tuple[Array, Array]]:
+def _poses(recording: Measurement, frame: int) -> dict[str, tuple[Array, Array]]:
     return {end: (path[frame, :3], path[frame, 3:]) for end, path in recording.poses.items()}
 
 
-def corrected(item: tuple[Scene, Recording]) -> Array:
+def corrected(item: tuple[Scene, Measurement]) -> Array:
     """Markers [m] predicted with correction, (F, M, 3): markers are seen at random and without
     identity. After a failed step the last valid state is repeated.
     """
@@ -256,7 +248,7 @@ def corrected(item: tuple[Scene, Recording]) -> Array:
     poses = {end: (path[0, :3], path[0, 3:]) for end, path in recording.poses.items()}
     simulator = Simulator(scene, poses)
     u = recording.shares * scene.cable.length
-    begin(simulator, recording, u, START_FRAMES)
+    begin(simulator, recording, u, slice(START_FRAMES))
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
     observer = Observer(Measured(noise=NOISE), Journal(()))
     rng, times = np.random.default_rng(0), recording.times

@@ -19,7 +19,7 @@ import numpy as np
 from dlo_sim.batch.workers import Workers
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, METHODS
+from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scene
 from dlo_sim.simulation.simulator import Simulator
@@ -167,7 +167,7 @@ def _clamped(
 COMPARED = {
     True: ("velocity_verlet", "energy_momentum"),
     False: (
-        *("forest_ruth", "rk4", "velocity_verlet", "rattle"),
+        *("forest_ruth", "rk4", "velocity_verlet"),
         *("implicit_midpoint", "energy_momentum", "energy_momentum_4"),
     ),
 }
@@ -191,7 +191,6 @@ RESOLUTIONS = {True: (5, 7, 9, 13), False: (5, 7, 9, 11, 13, 17, 21, 25, 29)}
 CABLES = {
     "stretching": Setting(REFERENCE, 0),
     "stretching by span": Setting(REFERENCE, 0, stretch="span"),
-    "inextensible": Setting("rattle", 0),
 }
 FIXED = {True: 7, False: 11}  # n_u
 TIME_STEPS = {True: (4e-3, 2e-3), False: (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)}
@@ -348,7 +347,7 @@ def _add_references(report: Report, cases: list[Case], truths: dict[str, Referen
 # All settings on all cases.
 
 
-class Run(NamedTuple):
+class Tried(NamedTuple):
     """A run of a case with a setting or by another simulator: a row of the diagram's data.
 
     Attributes:
@@ -384,25 +383,23 @@ class Run(NamedTuple):
         return f"{self.who}, stretch {self.stretch}" if by_span else self.who
 
 
-def swept(case: Case, truth: Reference, quick: bool) -> list[Run]:
+def swept(case: Case, truth: Reference, quick: bool) -> list[Tried]:
     """Run all settings on a case."""
     kinds = product(COMPARED[quick], CONTROL_POINTS[quick])
     settings = [one for kind in kinds for one in _settings(case, quick, *kind)]
     return [tried(case, truth, one, BUDGET[quick]) for one in settings]
 
 
-def tried(case: Case, truth: Reference, setting: Setting, budget: float) -> Run:
+def tried(case: Case, truth: Reference, setting: Setting, budget: float) -> Tried:
     """Run a setting on a case, with its error."""
     trial = attempt(case.job, setting, budget=budget)
     way = f"by {setting.stretch}" + ", knots auto" * (setting.knots == "auto")
-    if METHODS[setting.method].family == CONSTRAINED:
-        way = "left out"
     what = (setting.method, way, setting.control_points, trial.step, trial.status, setting.words)
     if not trial.ok:
-        return Run(*what)
+        return Tried(*what)
     evaluations = trial.force_evaluations / (trial.steps * trial.step)
     times = (trial.wall, trial.spread, evaluations)
-    return Run(*what, case.error(trial.points, truth.points), *times, trial.energy_error)
+    return Tried(*what, case.error(trial.points, truth.points), *times, trial.energy_error)
 
 
 def _settings(case: Case, quick: bool, method: str, n_u: int) -> list[Setting]:
@@ -416,9 +413,8 @@ def _settings(case: Case, quick: bool, method: str, n_u: int) -> list[Setting]:
             for step in STEPS[quick]
             for tolerance in ((None, LOOSE) if method == "energy_momentum" else (None,))
         ]
-    shares = (*SHARES[quick], 0.25) if family == CONSTRAINED else SHARES[quick]
     try:
-        found = [at_share(case.job, first, share) for share in shares]
+        found = [at_share(case.job, first, share) for share in SHARES[quick]]
     except SceneError:
         return [first]  # the attempt is refused for the same reason
     if method == "velocity_verlet" and n_u == CONTROL_POINTS[quick][0]:
@@ -426,22 +422,22 @@ def _settings(case: Case, quick: bool, method: str, n_u: int) -> list[Setting]:
     return found
 
 
-def fastest(runs: Sequence[Run], level: float) -> Run | None:
+def fastest(runs: Sequence[Tried], level: float) -> Tried | None:
     """The fastest run with an error of at most `level`, relative to the scale."""
     good = [run for run in runs if run.ok and run.error <= level]
     return min(good, key=attrgetter("wall")) if good else None
 
 
-def front(runs: Iterable[Run], cost: str) -> list[Run]:
+def front(runs: Iterable[Tried], cost: str) -> list[Tried]:
     """Pareto front in error and cost (name of a field), by increasing cost."""
-    found: list[Run] = []
+    found: list[Tried] = []
     for run in sorted((run for run in runs if run.ok), key=attrgetter(cost)):
         if not found or run.error < found[-1].error:
             found.append(run)
     return found
 
 
-def _level_rows(case: Case, truth: Reference, runs: Sequence[Run]) -> list[list[Any]]:
+def _level_rows(case: Case, truth: Reference, runs: Sequence[Tried]) -> list[list[Any]]:
     """Rows of the table `fastest`: the fastest setting for every level of error."""
     rows: list[list[Any]] = []
     for level in LEVELS:
@@ -454,7 +450,7 @@ def _level_rows(case: Case, truth: Reference, runs: Sequence[Run]) -> list[list[
     return rows
 
 
-def _diagram(report: Report, case: Case, truth: Reference, runs: list[Run]) -> None:
+def _diagram(report: Report, case: Case, truth: Reference, runs: list[Tried]) -> None:
     """Add the diagram of a case: all runs as dots, the Pareto front of each method as a line,
     dashed with stretching by span, dotted with graded knots too.
     """
@@ -472,7 +468,7 @@ def _diagram(report: Report, case: Case, truth: Reference, runs: list[Run]) -> N
     figure, panels = new_figure(1, 2, width=15.0, height=5.4)
     for panel, (cost, label) in zip(panels, COSTS.items(), strict=True):
 
-        def place(run: Run, cost: str = cost) -> tuple[float, float]:
+        def place(run: Tried, cost: str = cost) -> tuple[float, float]:
             return getattr(run, cost), 100 * run.error
 
         lines = {
@@ -521,8 +517,7 @@ def _add_space(
         "case | cable | n_u | error [%]",
         rows,
         f"Error against resolution at half the own step of {REFERENCE} (stretching at every "
-        "sample, or by its mean over a span) and rattle (inextensible), as a share of the case's "
-        "scale",
+        "sample, or by its mean over a span), as a share of the case's scale",
         "y",
         marker="o",
     )

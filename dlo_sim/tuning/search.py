@@ -58,7 +58,7 @@ class Tuned:
 
 @dataclass(eq=False)
 class _Search:
-    """What the search knows so far."""
+    """State of the search."""
 
     job: Job
     reference: Reference

@@ -27,7 +27,7 @@ class Setting:
     """How a scene is computed; what it is stays.
 
     Attributes:
-        method: integrator.method; a constrained one leaves stretching out.
+        method: integrator.method.
         control_points: n_u. samples: Gauss points per knot span, or uniform samples in all.
         step: tau [s]; 0 = what suits accuracy.target, at most 0.9 of the stability limit.
         stretch: discretization.stretch, sample or span. knots: discretization.knots.

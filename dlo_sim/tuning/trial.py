@@ -169,21 +169,19 @@ def at_share(job: Job, setting: Setting, share: float) -> Setting:
     return replace(setting, step=float(1.0 / np.ceil(1.0 / (share * own) - 1e-9)))
 
 
-def error(
-    points: Array, truth: Array, components: Sequence[int] = (0, 1, 2), last: bool = False
-) -> float:
+def error(points: Array, truth: Array, components: Sequence[int] = (0, 1, 2)) -> float:
     """Largest rms over time [m] of any of the components at any of the coordinates.
 
     Args:
-        points, truth: shape (T, m, 3) at the same times. last: at the last time alone.
+        points, truth: shape (T, m, 3) at the same times.
 
     Returns:
         Infinity where the lengths differ, or both are empty.
     """
     if len(points) != len(truth) or len(truth) == 0:
         return float("inf")
-    gap = (points - truth)[-1:] if last else points - truth
-    return float(np.sqrt(np.mean(gap[:, :, list(components)] ** 2, axis=0)).max())
+    gap = (points - truth)[:, :, list(components)]
+    return float(np.sqrt(np.mean(gap**2, axis=0)).max())
 
 
 def farthest(points: Array, truth: Array) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from dlo_sim.core.npz import NpzRefused, read_npz
 from dlo_sim.core.strain import strain
 from dlo_sim.replay.bags import Bag, BagError
 from dlo_sim.scene.description import Obstacle, Scene
-from dlo_sim.scene.refusal import SceneError, one_line, printable
+from dlo_sim.scene.refusal import Refusal, SceneError, one_line, printable
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import KNOTS
 from dlo_sim.session.topics import CONTACTS, CONTROL_POINTS, DIAGNOSTICS, REACTION, resolved
@@ -31,16 +31,20 @@ _FORCE, _CLEARANCE = "contact force [N]", "clearance [m]"
 _LARGEST = float(np.finfo("f4").max)  # a page has 32-bit floats
 _SHAPES = {cdr.CUBE: "box", cdr.SPHERE: "sphere", cdr.CYLINDER: "cylinder"}
 _LAST = CONTROL_POINTS.removeprefix("~")
-# In every output of `dlo_sim simulate`.
-_NEEDED = ("time", "control_points", "centerline")
-_FURTHER = ("tension", "curvature", "energy")
-_OBSTACLES = ("obstacle_triangles", "obstacle_of", "obstacle_poses")
-_CONTACTS = ("contact_points", "contact_forces", "contact_samples")
-_LOOKS = ("contact_looks", "contact_total", "contact_clearance")
+# Arrays in an output of `dlo_sim simulate`, the first three in each, and their shapes: digits, and
+# letters for numbers that agree.
+_ARRAYS = {
+    **{"time": "T", "centerline": "Tm3", "control_points": "Tn4"},
+    **{"tension": "Tm", "curvature": "Tm", "energy": "T"},
+    **{"obstacle_triangles": "k33", "obstacle_of": "k", "obstacle_poses": "Tb7"},
+    **{"contact_points": "c3", "contact_forces": "c3", "contact_samples": "c"},
+    **{"contact_looks": "l", "contact_total": "l", "contact_clearance": "l"},
+}
+_TOUCHING = [name for name in _ARRAYS if name.startswith(("obstacle", "contact"))]
 _LONGEST_FORCE = 0.15  # line of the largest contact force, in extents of the run
 
 
-class RunError(Exception):
+class RunError(Refusal):
     """A file that is refused: one line that names it, what is wrong and the cure."""
 
 
@@ -148,69 +152,55 @@ def read_recording(path: Path) -> Run:
         RunError: it is not such a file.
     """
     try:
-        found = read_npz(path, (*_NEEDED, *_FURTHER, *_OBSTACLES, *_CONTACTS, *_LOOKS))
+        found = read_npz(path, tuple(_ARRAYS))
     except NpzRefused as refused:
         raise RunError(
             f"{path}: {refused}; give an npz of dlo_sim simulate, or a bag's folder"
         ) from None
-    for name in _NEEDED:
+    for name in ("time", "control_points", "centerline"):
         if name not in found or not found[name].size:
             raise RunError(f"{path}: has no {name} of a run; make it with dlo_sim simulate")
     try:
         found |= _checked(found)
     except (TypeError, ValueError) as refusal:
         raise RunError(f"{path}: {refusal}; make it with dlo_sim simulate") from None
-    time = found["time"]
     titles = {"tension": TENSION, "curvature": CURVATURE}
-    energy = found.get("energy")
-    curves = [] if energy is None else [Curve(_ENERGY, time, {"energy": energy})]
-    bodies: tuple[Body, ...] = ()
-    forces: tuple[Array, ...] = ()
-    looks = None
-    if all(name in found for name in (*_OBSTACLES, *_CONTACTS, *_LOOKS)):
-        bodies = _bodies_of(found)
-        forces, looks = _forces_of(found)
-        curves += _curves_of(found)
-    return Run(
+    run = Run(
         name=printable(path.name),
-        time=time,
+        time=found["time"],
         centerline=found["centerline"],
         control_points=found["control_points"][:, :, :3],
         colors={title: found[name] for name, title in titles.items() if name in found},
-        curves=tuple(curves),
-        bodies=bodies,
-        forces=forces,
-        looks=looks,
     )
+    if "energy" in found:
+        run = replace(run, curves=(Curve(_ENERGY, run.time, {"energy": found["energy"]}),))
+    return _with_contacts(run, found) if all(name in found for name in _TOUCHING) else run
 
 
-def _bodies_of(found: dict[str, Array]) -> tuple[Body, ...]:
-    number, poses = found["obstacle_of"], found["obstacle_poses"]
+def _with_contacts(run: Run, found: dict[str, Array]) -> Run:
+    """With the obstacles, and with forces and clearance where the contacts were computed."""
+    number, poses, clearance = (
+        found[name] for name in ("obstacle_of", "obstacle_poses", "contact_clearance")
+    )
     triangles = found["obstacle_triangles"]
-    return tuple(Body(triangles[number == k], poses[:, k]) for k in range(poses.shape[1]))
-
-
-def _curves_of(found: dict[str, Array]) -> list[Curve]:
-    """Forces and clearance where the contacts of a run were computed, as of a bag."""
-    looks, total, clearance = (found[name] for name in _LOOKS)
-    time, near = found["time"][looks.astype(int)], np.isfinite(clearance)
-    curves = [Curve(_FORCE, time, {"total": total})]
+    bodies = [Body(triangles[number == k], poses[:, k]) for k in range(poses.shape[1])]
+    known, near = found["contact_looks"], np.isfinite(clearance)
+    time = run.time[known.astype(int)]
+    curves = [*run.curves, Curve(_FORCE, time, {"total": found["contact_total"]})]
     if near.any():
         curves.append(Curve(_CLEARANCE, time[near], {"least": clearance[near]}))
-    return curves
-
-
-def _forces_of(found: dict[str, Array]) -> tuple[tuple[Array, ...], NDArray[np.int64]]:
-    """Lines of the forces, and which of them is that of each time."""
-    points, forces, samples = (found[name] for name in _CONTACTS)
-    extent = float(np.ptp(found["centerline"].reshape(-1, 3), axis=0).max())
+    points, forces = found["contact_points"], found["contact_forces"]
+    extent = float(np.ptp(run.centerline.reshape(-1, 3), axis=0).max())
     sizes = np.linalg.norm(forces, axis=1)
     scale = _LONGEST_FORCE * extent / max(float(sizes.max(initial=0.0)), 1e-300)
     lines = np.stack([points, points + scale * forces], axis=1)
-    known = found["contact_looks"]
-    parts = tuple(lines[samples == sample] for sample in known)
-    times = np.arange(len(found["time"]))
-    return parts, np.searchsorted(known, times, side="right") - 1
+    return replace(
+        run,
+        curves=tuple(curves),
+        bodies=tuple(bodies),
+        forces=tuple(lines[found["contact_samples"] == sample] for sample in known),
+        looks=np.searchsorted(known, np.arange(len(run.time)), side="right") - 1,
+    )
 
 
 def _checked(found: dict[str, Array]) -> dict[str, Array]:
@@ -220,46 +210,28 @@ def _checked(found: dict[str, Array]) -> dict[str, Array]:
         TypeError, ValueError: values are not finite or exceed 32-bit floats, shapes do not match,
             or times do not increase.
     """
-    time = arguments.numbers("time", found["time"], (None,), "s")
+    sizes: dict[str, int] = {}
+    checked = {}
+    for name in (name for name in _ARRAYS if name in found):
+        given, shape = found[name], _ARRAYS[name]
+        if name == "contact_clearance":  # infinite where the cable is far from itself
+            given = np.where(given == np.inf, 0.0, given)
+        wanted = tuple(int(one) if one.isdigit() else sizes.get(one) for one in shape)
+        checked[name] = arguments.numbers(name, given, wanted)
+        sizes |= dict(zip(shape, checked[name].shape, strict=True))
+        if np.abs(checked[name]).max(initial=0.0) > _LARGEST:
+            most = np.abs(checked[name]).max()
+            raise ValueError(f"{name}: needs numbers up to {_LARGEST:g}, got {most}")
+    time, known = checked["time"], checked.get("contact_looks", np.zeros(1))
     if not np.all(np.diff(time) > 0.0):
         raise ValueError(f"time: needs to rise, got {arguments.given(time.tolist())}")
-    line = arguments.numbers("centerline", found["centerline"], (len(time), None, 3), "m")
-    triangles, points, looks = (
-        np.shape(found.get(name, ()))[:1]
-        for name in ("obstacle_triangles", "contact_points", "contact_looks")
-    )
-    shapes: dict[str, tuple[int | None, ...]] = {
-        "control_points": (len(time), None, 4),
-        "tension": line.shape[:2],
-        "curvature": line.shape[:2],
-        "energy": time.shape,
-        "obstacle_triangles": (None, 3, 3),
-        "obstacle_of": triangles,
-        "obstacle_poses": (len(time), None, 7),
-        "contact_points": (None, 3),
-        "contact_forces": (*points, 3),
-        "contact_samples": points,
-        "contact_looks": (None,),
-        "contact_total": looks,
-    }
-    checked = {"time": time, "centerline": line}
-    for name, shape in shapes.items():
-        if name in found:
-            checked[name] = arguments.numbers(name, found[name], shape)
-    known = checked.get("contact_looks", np.zeros(1))
     rises = np.isin(known, np.arange(len(time))).all() and np.all(np.diff(known) > 0.0)
     if not (rises and len(known) and known[0] == 0.0):
         raise ValueError(
             f"contact_looks: needs rising numbers of the {len(time)} samples from 0 on, got "
             + arguments.given(known.tolist())
         )
-    if "contact_clearance" in found:  # infinite where the cable is far from itself
-        clearance = found["contact_clearance"]
-        finite = np.where(clearance == np.inf, 0.0, clearance)
-        arguments.numbers("contact_clearance", finite, looks)
-    for name, array in checked.items():
-        if np.abs(array).max(initial=0.0) > _LARGEST:
-            raise ValueError(f"{name}: needs numbers up to {_LARGEST:g}, got {np.abs(array).max()}")
+    checked.pop("contact_clearance", None)
     return checked
 
 

@@ -11,8 +11,12 @@ needs none. Simulators whose variable is not set, or that fail, are reported as 
 
 from __future__ import annotations
 
+import json
 import os
+import subprocess
 import sys
+import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,19 +24,19 @@ import numpy as np
 
 from dlo_sim.batch.workers import HERE
 from dlo_sim.studies import Request
-from dlo_sim.studies.contact_peers import replies
 from dlo_sim.studies.report import Array, Report
 from dlo_sim.studies.work_precision import (
     CLOSED,
     CLOSING,
     Case,
-    Run,
+    Tried,
     all_cases,
     fastest,
     references,
     swept,
 )
 
+TIMEOUT = 900.0  # [s] for all settings of a simulator on a case
 SCRIPT = Path(__file__).with_name("peer.py")
 # Name -> its argument of peer.py, and the variable that names its Python; empty: the present one.
 PEERS = {
@@ -61,7 +65,7 @@ TRIED = {
 }
 
 
-def peer_runs(case: Case, truth: Array, quick: bool, absent: list[str]) -> list[Run]:
+def peer_runs(case: Case, truth: Array, quick: bool, absent: list[str]) -> list[Tried]:
     """Run every simulator on a case, a quick study only the first setting. Errors are relative to
     the reference `truth` (T, m, 3); what was not measured is added to `absent` with the reason.
     """
@@ -77,14 +81,40 @@ def peer_runs(case: Case, truth: Array, quick: bool, absent: list[str]) -> list[
             continue
         settings = [one.partition("/") for one in words.split()[: 1 if quick else None]]
         jobs = [_job(case, int(n), float(step or 0.0)) for n, _, step in settings]
-        found_there, trouble = replies(python, [str(SCRIPT), peer], jobs)
+        found_there, trouble = replies(python, peer, jobs)
         absent += [f"{name} on {case.name}: {trouble}"] if trouble else []
         for job, reply in zip(jobs, found_there, strict=False):
             found.append(_judged(f"{name} {reply['version']}".strip(), case, truth, job, reply))
     return found
 
 
-def _judged(who: str, case: Case, truth: Array, job: dict[str, Any], reply: dict[str, Any]) -> Run:
+def replies(
+    python: str, peer: str, jobs: Sequence[dict[str, Any]]
+) -> tuple[list[dict[str, Any]], str]:
+    """Results of jobs, and what went wrong if there are fewer."""
+    try:
+        # MuJoCo writes a log to its working directory.
+        with tempfile.TemporaryDirectory(prefix="dlo_sim_") as folder:
+            done = subprocess.run(
+                [python, str(SCRIPT), peer],
+                input=json.dumps(jobs),
+                capture_output=True,
+                text=True,
+                timeout=TIMEOUT,
+                cwd=folder,
+                env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+            )
+    except (OSError, subprocess.TimeoutExpired) as failure:
+        return [], type(failure).__name__
+    # Libraries may print lines of their own.
+    lines = [line for line in done.stdout.splitlines() if line.startswith('{"version"')]
+    said = done.stderr.strip().splitlines()[-1:] or ["no answer"]
+    return [json.loads(line) for line in lines], said[0] if len(lines) < len(jobs) else ""
+
+
+def _judged(
+    who: str, case: Case, truth: Array, job: dict[str, Any], reply: dict[str, Any]
+) -> Tried:
     """The run of a reply, with its error against the reference at the times that it reached."""
     status, points = reply["message"].replace("|", "/") or "ok", np.array(reply["points"])
     wall = spread = off = float("nan")
@@ -97,7 +127,7 @@ def _judged(who: str, case: Case, truth: Array, job: dict[str, Any], reply: dict
         index = np.round(np.array(reply["times"]) / case.job.every).astype(int)
         wanted = index < len(truth)
         off = case.error(points[wanted], truth[index[wanted]])
-    return Run(who, "", job["n"], reply["step"], status, "", off, wall, spread)
+    return Tried(who, "", job["n"], reply["step"], status, "", off, wall, spread)
 
 
 def _job(case: Case, n: int, step: float) -> dict[str, Any]:
@@ -135,7 +165,7 @@ def _job(case: Case, n: int, step: float) -> dict[str, Any]:
     }
 
 
-def row_of(case: Case, runs: list[Run], peer: Run) -> list[Any]:
+def row_of(case: Case, runs: list[Tried], peer: Tried) -> list[Any]:
     """Row of the table: another simulator's run, and the fastest setting of `runs` whose error is
     not larger."""
     measured = [value if np.isfinite(value) else None for value in (peer.error, peer.wall)]

@@ -22,7 +22,7 @@ from dlo_sim.batch.workers import HERE, Workers
 from dlo_sim.core import rotations
 from dlo_sim.identification.fit import Fit
 from dlo_sim.identification.identify import identify
-from dlo_sim.identification.measurement import Recording
+from dlo_sim.identification.measurement import Measurement
 from dlo_sim.identification.prediction import COMPUTATION, Sensor, interpolated, predict, reaction
 from dlo_sim.identification.problem import DELAY
 from dlo_sim.identification.readers import read_recordings
@@ -221,7 +221,7 @@ def tips(scene: Scene, turns: Array) -> Array:
     return np.asarray(points[:, -1, :3])
 
 
-def recorded(bag: Path, scene: Scene) -> Recording:
+def recorded(bag: Path, scene: Scene) -> Measurement:
     """Poses and forces of a bag, and the tip, if the authors' table of the run is there."""
     recording = _smoothed(read_recordings(bag)[0], scene)
     table = bag.parents[1] / "dyn_ft" / bag.name / "state_and_input.csv"
@@ -232,7 +232,7 @@ def recorded(bag: Path, scene: Scene) -> Recording:
     return replace(recording, markers=markers, shares=np.ones(1))
 
 
-def _smoothed(recording: Recording, scene: Scene) -> Recording:
+def _smoothed(recording: Measurement, scene: Scene) -> Measurement:
     return recording.smoothed(scene.with_values({"start.pose_smoothing": SMOOTHING}))
 
 
@@ -248,7 +248,7 @@ def _tips(table: Path, length: float) -> tuple[Array, Array]:
     return given["ts"] - given["ts"][0], base + rotations.rotate(turns, np.stack(own, axis=-1))
 
 
-def fit_to_forces(scene: Scene, recording: Recording, workers: Workers) -> Fit:
+def fit_to_forces(scene: Scene, recording: Measurement, workers: Workers) -> Fit:
     """Fit of the parameters to the forces of a run."""
     bare = replace(recording, markers=recording.markers[:, :0], shares=np.zeros(0))
     plain = scene.with_values({"start.pose_smoothing": 0.0})  # the poses are smooth already
@@ -259,7 +259,7 @@ def fit_to_forces(scene: Scene, recording: Recording, workers: Workers) -> Fit:
 
 
 def moving_rows(
-    name: str, scene: Scene, recording: Recording, fits: Mapping[str, Fit]
+    name: str, scene: Scene, recording: Measurement, fits: Mapping[str, Fit]
 ) -> list[list[Any]]:
     """Rows of `MOVING`: published parameters, these with the delays identified in the other runs,
     and the fit to the run itself; `fits`: name of the run -> fit.
@@ -288,7 +288,7 @@ def _delay(fits: Sequence[Fit], axis: int) -> float:
 
 
 def _moving_row(
-    name: str, words: str, scene: Scene, recording: Recording, sensor: Sensor
+    name: str, words: str, scene: Scene, recording: Measurement, sensor: Sensor
 ) -> list[Any]:
     made = predict(scene, recording, sensor=sensor)
     if recording.forces is None:

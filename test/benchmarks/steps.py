@@ -1,13 +1,15 @@
-"""Time of a step: against the number of control points, and on all cores.
+"""Time of a step: against the number of control points, at steps of milliseconds, on all cores.
 
-    python test/benchmarks/steps.py [sizes] [cores]
+    python test/benchmarks/steps.py [sizes] [stiff] [cores]
 
-prints a table for each of the named parts, for both by default. Times are the least of
+prints a table for each of the named parts, for all by default. Times are the least of
 repeats that run in turn, so that other load on the machine affects all of them alike.
 """
 
 import sys
 import time
+from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -16,11 +18,14 @@ from dlo_sim.batch.workers import HERE, open_workers
 from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.studies.runs import at_method
 
 SIZES = (9, 13, 19, 40, 80, 200, 500, 1000, 2000)
 FINE = 100  # control points from which the second exponent is fitted
+STIFF = [("energy_momentum", step) for step in (2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 1e-1)]
+STIFF += [("energy_momentum_4", step) for step in (2e-3, 5e-3, 1e-2)]
 SIZED = (
-    *("forest_ruth", "velocity_verlet", "rattle"),
+    *("forest_ruth", "velocity_verlet"),
     *("energy_momentum", "energy_momentum_4", "implicit_midpoint"),
 )
 
@@ -55,6 +60,7 @@ def advance(simulator, steps):
     simulator.reset()
     report = simulator.advance_steps(steps)
     assert report.status.ok, report.message
+    return report
 
 
 def sizes():
@@ -74,6 +80,22 @@ def sizes():
         print(" | ".join([method, *(f"{one:.4g}" for one in (*times, *p))]), flush=True)
 
 
+def stiff():
+    """10 s of energy-conserving methods at long steps, against Forest-Ruth at its own."""
+    print("\nmethod | n_u | step [ms] | times faster | energy error | iterations per step")
+    for n, (method, step) in product((9, 13, 19, 40), STIFF):
+        sized = {"discretization.control_points": n, "integrator.tolerance": 1e-10}
+        scene = load_scene("paper_wire", sized)
+        explicit, simulator = Simulator(scene), Simulator(at_method(scene, method, step))
+        count = round(10.0 / step)
+        works = partial(advance, explicit, 2000), partial(advance, simulator, count)
+        (own, theirs), report = least(5, *works), advance(simulator, count)
+        ratio = own / 2000 * (10.0 / explicit.step) / theirs
+        cells = f"{ratio:.3g}", f"{simulator.energy_error:.1e}"
+        work = f"{report.force_evaluations / count:.3g}"
+        print(" | ".join([method, str(n), f"{1e3 * step:g}", *cells, work]), flush=True)
+
+
 def cores():
     """A batch on all workers against the same in this process, and whether the bits agree."""
     diameters = 0.002 * (1.0 + 0.2 * np.arange(128) / 128)
@@ -89,7 +111,7 @@ def cores():
         print(f"\n{crew.count} workers: {one / every:.2f} times as fast as one, same bits: {same}")
 
 
-PARTS = {"sizes": sizes, "cores": cores}
+PARTS = {"sizes": sizes, "stiff": stiff, "cores": cores}
 if __name__ == "__main__":
     for part in sys.argv[1:] or PARTS:
         PARTS[part]()

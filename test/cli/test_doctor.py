@@ -28,21 +28,6 @@ def test_status_says_whether_there_is_a_problem(monkeypatch, capsys, found, stat
     assert [entry["level"] for entry in json.loads(line)["findings"]] == [f.level for f in found]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        (("two_gripers",), "did you mean two_grippers?"),
-        (("two_grippers", "--set", "cable.length=-1"), "cable.length"),
-        (("--set", "cable.length=1"), "give SCENE, too"),
-        (("--seconds", "0"), "--seconds"),
-    ],
-)
-def test_refused_in_one_line(capsys, arguments, complaint):
-    assert main(["doctor", *arguments]) == 2
-    out, err = capsys.readouterr()
-    assert not out and err.count("\n") == 1 and complaint in err
-
-
 def test_a_scene_that_asks_for_tf2_where_there_is_none(monkeypatch):
     survey = pytest.importorskip("dlo_sim.ros.survey", reason="needs rclpy")
     monkeypatch.setitem(sys.modules, "tf2_ros", None)

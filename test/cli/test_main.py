@@ -39,23 +39,6 @@ def test_every_subcommand_has_help(name, capsys):
     assert f"dlo_sim {name}" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        ([], "required: SUBCOMMAND; see 'dlo_sim --help'"),
-        (["simulat"], "invalid choice: 'simulat'"),
-        (["simulate"], "required: SCENE, --duration; see 'dlo_sim simulate --help'"),
-        (["parameters", "--wrong"], "--wrong"),
-    ],
-)
-def test_wrong_command_line_is_one_line(arguments, complaint, capsys):
-    assert main(arguments) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("dlo_sim: error: ") and err.count("\n") == 1
-    assert complaint in err
-
-
 def test_module_runs_as_a_program(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "dlo_sim", "simulate", "nowhere.yaml", "--duration", "1"],
@@ -148,26 +131,6 @@ def test_a_closed_stdout_is_no_error():
     command = f"{sys.executable} -m dlo_sim methods >&-"
     done = subprocess.run(["sh", "-c", command], stderr=subprocess.PIPE)
     assert (done.returncode, done.stderr) == (0, b"")
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["simulate", "paper_wire", "--duration", "0.01", "--output", "n" * 300 + ".npz"],
-        ["replay", "b" * 300, "--params", "hanging_cable"],
-        ["study", "paper", "--quick", "--output", "s" * 300],
-    ],
-)
-def test_a_name_that_is_too_long_is_one_line(arguments, capsys):
-    assert main(arguments) == 2
-    line = capsys.readouterr().err
-    assert line.count("\n") == 1 and "File name too long" in line
-
-
-def test_a_time_beyond_counting_is_refused(capsys):
-    asked = ["--tolerance", "1e-3", "--duration", "1e300", "--output", "tuned.yaml"]
-    assert main(["tune", "paper_wire", *asked]) == 2
-    assert "1e+09 at most" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

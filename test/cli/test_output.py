@@ -1,10 +1,13 @@
-"""The progress bar, on a terminal that is made up."""
+"""The progress bar, on a terminal that is made up; JSON."""
 
 import io
+import json
+import math
 import re
 import time
 from contextlib import redirect_stderr
 
+import numpy as np
 import pytest
 
 from dlo_sim.cli import output
@@ -58,3 +61,12 @@ def test_a_signal_ends_the_work_between_two_pieces(terminal, monkeypatch):
         monkeypatch.setattr(stopping, "_requested", 15)
         with pytest.raises(KeyboardInterrupt):
             progress(0.5)
+
+
+def test_json_is_strict_where_numbers_are_not_finite(capsys):
+    numbers = {"a": math.nan, "b": [math.inf, np.int64(3)], "c": {"d": np.float64(1.5)}, "e": None}
+    output.print_json(numbers)
+    line = capsys.readouterr().out
+    assert json.loads(line, parse_constant=pytest.fail) == {
+        **{"a": None, "b": [None, 3], "c": {"d": 1.5}, "e": None}
+    }

@@ -5,44 +5,10 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
-import pytest
 from progress import rises, shown_progress
 
 from dlo_sim.cli.main import main
 from dlo_sim.studies import STUDIES
-
-
-def refusal(arguments, capsys) -> str:
-    assert main(["study", *arguments]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.count("\n") == 1
-    return captured.err
-
-
-def test_unknown_study_is_refused(capsys):
-    assert "papers" in refusal(["papers", "--output", "x"], capsys)
-
-
-def test_output_is_needed(capsys):
-    assert "--output" in refusal(["paper"], capsys)
-
-
-def test_output_must_be_a_folder(tmp_path, capsys):
-    (tmp_path / "file").write_text("")
-    message = refusal(["paper", "--output", str(tmp_path / "file" / "below")], capsys)
-    assert "is not a folder" in message
-    assert (tmp_path / "file").read_text() == ""
-
-
-def test_peers_are_of_one_study_and_need_mujoco(tmp_path, capsys, monkeypatch):
-    """In one line, before any run."""
-    line = refusal(["paper", "--output", str(tmp_path / "new"), "--peers"], capsys)
-    assert "--peers: study paper has none; study contact has" in line
-    monkeypatch.setattr(sys, "executable", "/missing/python")
-    line = refusal(["contact", "--output", str(tmp_path / "new"), "--peers"], capsys)
-    assert "--peers /missing/python: " in line and "name a Python interpreter" in line
-    assert not (tmp_path / "new").exists()
 
 
 def test_without_matplotlib_it_says_what_to_install(tmp_path):
@@ -72,13 +38,6 @@ def test_progress_of_a_study_reaches_the_bar(tmp_path, monkeypatch, capsys):
     assert main(["study", "paper", "--output", str(tmp_path / "new")]) == 0
     assert rises(shown), shown
     assert capsys.readouterr().out == "report.md\n"
-
-
-def test_help_names_the_studies(capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(["study", "--help"])
-    assert ended.value.code == 0
-    assert "paper" in capsys.readouterr().out
 
 
 def test_every_study_can_be_imported():

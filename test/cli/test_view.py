@@ -48,21 +48,3 @@ def test_without_matplotlib_the_cure_is_named(run, capsys, monkeypatch):
     assert main(["view", "run.npz", "--format", "gif"]) == 2
     assert "needs matplotlib; pip install matplotlib, or make html" in capsys.readouterr().err
     assert main(["view", "run.npz"]) == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        (("no.npz",), "no.npz: cannot be read"),
-        (("run.npz", "--output", "look.avi"), "end it with .html, .gif, .mp4 or .png"),
-        (("run.npz", "--output", "no/look.html"), "does not exist; create it first"),
-        (("run.npz", "--set", "cable.length=2"), "give it with --params"),
-        (("run.npz", "--params", "two_gripers"), "did you mean two_grippers?"),
-        ((".",), "bag"),
-    ],
-)
-def test_refused_in_one_line_and_nothing_written(run, capsys, arguments, complaint):
-    assert main(["view", *arguments]) == 2
-    out, err = capsys.readouterr()
-    assert not out and err.count("\n") == 1 and complaint in err
-    assert [path.name for path in run.iterdir()] == ["run.npz"]

@@ -4,7 +4,7 @@ import numpy as np
 
 import dlo_sim
 from dlo_sim.core import bspline, rotations
-from dlo_sim.identification.measurement import TANGENT, Recording, clamped_at
+from dlo_sim.identification.measurement import TANGENT, Measurement, clamped_at
 from dlo_sim.identification.prediction import COMPUTATION
 from dlo_sim.simulation.simulator import Simulator
 
@@ -50,4 +50,4 @@ def recorded(truth, seed=0, amount=1.0, duration=1.5, noise=1e-3):
     basis = bspline.evaluate(np.eye(sim.model.n), sim.model.knots, u)
     markers = np.concatenate([first[None], basis @ points[:, :, :3]])
     markers += np.random.default_rng(seed + 1000).normal(0.0, noise, markers.shape)
-    return Recording(f"simulated {seed}", times, markers, paths, SHARES, known)
+    return Measurement(f"simulated {seed}", times, markers, paths, SHARES, known)

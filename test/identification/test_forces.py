@@ -10,7 +10,7 @@ import dlo_sim
 from dlo_sim.batch.workers import HERE
 from dlo_sim.identification.fit import FitError
 from dlo_sim.identification.identify import identify
-from dlo_sim.identification.measurement import MeasurementError, Recording, clamped_at
+from dlo_sim.identification.measurement import Measurement, MeasurementError, clamped_at
 from dlo_sim.identification.prediction import COMPUTATION, Sensor, predict
 from dlo_sim.identification.readers import read_recordings
 from dlo_sim.replay.bags import BagWriter
@@ -39,7 +39,7 @@ WEIGHT = 9.81 * (0.5 * 0.6 + 0.05 + 0.1)
 @pytest.fixture(scope="module")
 def moved():
     """A run whose forces are those of HANGING, as SENSOR reads them with 0.02 N of noise."""
-    blank = Recording(
+    blank = Measurement(
         "run", TIMES, np.zeros((100, 0, 3)), {"start": PATH}, np.zeros(0), forces=np.zeros((100, 3))
     )
     made = predict(dlo_sim.load_scene(HANGING), blank, sensor=SENSOR)

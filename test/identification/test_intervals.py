@@ -33,6 +33,6 @@ def test_noise_of_the_starts_counts_once_for_every_piece():
 def test_starts_are_disturbed_by_the_noise_of_the_markers():
     recording = recorded(TRUTH, duration=0.5, noise=1e-3)
     rng = np.random.default_rng(7)
-    draws = [recording.disturbed(rng, 2).markers - recording.markers for _ in range(20)]
+    draws = [recording.disturbed(rng).markers - recording.markers for _ in range(20)]
     assert np.std([draw[:2] for draw in draws]) == pytest.approx(1e-3, rel=0.15)
     assert not np.any([draw[2:] for draw in draws])

@@ -6,7 +6,7 @@ from simulated_cables import TRUTH, recorded
 from test_forces import HANGING, PATH, TIMES, bag_of
 
 import dlo_sim
-from dlo_sim.identification.measurement import Recording
+from dlo_sim.identification.measurement import Measurement
 from dlo_sim.identification.prediction import COMPUTATION
 from dlo_sim.studies.validation import spline_distance
 
@@ -27,7 +27,7 @@ def test_a_moved_cable_is_read_with_its_tips_and_compared(tmp_path):
     forces = np.tile([0.0, 0.0, -weight], (100, 1))
     still = np.repeat(PATH[:1], 100, axis=0)
     blank = np.zeros((100, 0, 3))
-    run = Recording("run", TIMES, blank, {"start": still}, np.zeros(0), forces=forces)
+    run = Measurement("run", TIMES, blank, {"start": still}, np.zeros(0), forces=forces)
     (tmp_path / "bags").mkdir()
     bag_of(tmp_path / "bags" / "run", run)
     shapes = np.zeros((100, 3))  # Phi, Theta0, Theta1

@@ -134,44 +134,37 @@ def run(
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.mark.parametrize("number", [SIGINT, SIGTERM, SIGHUP])
-def test_nothing_is_raised_inside_a_callback_of_a_library(number):
-    assert run(IN_A_CALLBACK, int(number)) == (128 + number, "", "dlo_sim: interrupted\n")
+SAID = "dlo_sim: interrupted\n"
+ENDED = {  # how the work meets a signal -> its code, the signal, exit status, stdout and stderr
+    **{
+        f"in a callback of a library, where nothing is raised, {number.name}": (
+            *(IN_A_CALLBACK, number),
+            *(128 + number, "", SAID),
+        )
+        for number in (SIGINT, SIGTERM, SIGHUP)
+    },
+    "never checks: ended after its cleanup": (NEVER_LOOKS, SIGTERM, 143, "", SAID),
+    "ends itself: gets the time that it takes": (ENDS_ITSELF, SIGINT, 7, "kept\n", ""),
+    "would end itself: a second signal ends it": (IS_ASKED_AGAIN, SIGINT, 130, "", SAID),
+    "a library handles another one": (HANDLES_ANOTHER_SIGNAL, SIGTERM, SIGTERM, "", ""),
+    "fails because of it, which is no defect": (FAILS_ON_THE_WAY, SIGTERM, 143, "", SAID),
+    "breaks off while it is ended: said once": (BREAKS_OFF_LATE, SIGTERM, 143, "", SAID),
+}
 
 
-def test_work_that_never_looks_is_ended_after_its_cleanup(tmp_path):
+@pytest.mark.parametrize("how", ENDED)
+def test_work_that_gets_a_signal(how, tmp_path):
+    """What `cleanup` promises to remove is removed."""
+    code, number, *outcome = ENDED[how]
     half = tmp_path / "half"
     half.write_text("an output")
-    assert run(NEVER_LOOKS, int(SIGTERM), half) == (143, "", "dlo_sim: interrupted\n")
-    assert not half.exists()
-
-
-def test_work_that_disable_forced_exit_gets_the_time_that_it_takes():
-    assert run(ENDS_ITSELF, int(SIGINT)) == (7, "kept\n", "")
-
-
-def test_a_second_signal_ends_what_would_end_itself(tmp_path):
-    half = tmp_path / "half"
-    half.write_text("an output")
-    assert run(IS_ASKED_AGAIN, int(SIGINT), half) == (130, "", "dlo_sim: interrupted\n")
-    assert not half.exists()
-
-
-def test_signals_that_a_library_handles_are_none_of_ours():
-    assert run(HANDLES_ANOTHER_SIGNAL, int(SIGTERM)) == (SIGTERM, "", "")
-
-
-def test_what_fails_because_of_the_signal_is_no_defect():
-    assert run(FAILS_ON_THE_WAY, int(SIGTERM)) == (143, "", "dlo_sim: interrupted\n")
+    assert run(code, int(number), half) == tuple(outcome)
+    assert half.exists() == ("sys.argv[2]" not in code)
 
 
 def test_children_are_not_interrupted_by_the_terminal_but_can_be_ended():
     status, blocked, _ = run(HAS_A_CHILD)
     assert (status, blocked.split()) == (0, ["1", "2"])
-
-
-def test_work_that_breaks_off_while_it_is_ended_says_so_once():
-    assert run(BREAKS_OFF_LATE, int(SIGTERM)) == (143, "", "dlo_sim: interrupted\n")
 
 
 def test_what_nohup_ignores_stays_ignored():

@@ -1,20 +1,16 @@
 """`dlo_sim study contact --quick`, run once, and rows that miss their answers."""
 
-import csv
-
 import pytest
+from study_tables import quick, rows_of
 
-from dlo_sim.batch.workers import HERE
-from dlo_sim.studies import Request, contact
-from dlo_sim.studies.contact import PANELS, run_study
-from dlo_sim.studies.known_answers import Answer, Measured
+from dlo_sim.studies import contact
+from dlo_sim.studies.contact import PANELS
+from dlo_sim.studies.known_answers import Answer, Answers
 
 
 def studied(folder, shares=None):
     progress = (lambda share: None) if shares is None else shares.append
-    outcome = run_study(Request(folder, True, "dlo_sim study contact", HERE, progress=progress))
-    with (folder / "contact.csv").open(encoding="utf-8", newline="") as stream:
-        return outcome, list(csv.DictReader(stream))
+    return quick(contact, folder, progress=progress), rows_of(folder, "contact")
 
 
 @pytest.mark.slow
@@ -32,16 +28,14 @@ def test_every_known_answer_is_met(tmp_path):
     judged = [row for row in rows if row["resolution"] == last[row["test"]]]
     assert {row["verdict"] for row in judged} == {"meets"}
     assert {float(row["allowed"].split()[0]) > 0.0 for row in judged} == {True, False}
-    with (tmp_path / "knots.csv").open(encoding="utf-8", newline="") as stream:
-        exponents = [row["exponent"] for row in csv.DictReader(stream) if row["exponent"]]
-    assert len(exponents) == 6
+    assert sum(row["exponent"] != "" for row in rows_of(tmp_path, "knots")) == 6
 
 
 def test_a_test_that_misses_or_fails_says_so(tmp_path, monkeypatch):
     """The study goes on, and judges the last resolution."""
 
-    def measured(answers):
-        return lambda resolution: Measured(answers, 0.1, None)
+    def answered(answers):
+        return lambda resolution: Answers(answers, 0.1, None)
 
     def fails(resolution):
         raise RuntimeError("contact: it failed")
@@ -49,7 +43,7 @@ def test_a_test_that_misses_or_fails_says_so(tmp_path, monkeypatch):
     good, off = Answer("force [N]", 2.0, 2.01, 0.01), Answer("force [N]", 2.0, 2.04, 0.01)
     still, crept = Answer("crept [m]", 0.0, 0.0, 0.0), Answer("crept [m]", 0.0, -1e-8, 1e-9)
     tests = {"good": (good, still), "off": (good, off, still), "crept": (good, crept)}
-    known = {name: (measured(answers), (1e-3,), ()) for name, answers in tests.items()}
+    known = {name: (answered(answers), (1e-3,), ()) for name, answers in tests.items()}
     known["fails"] = fails, (1e-3,), ()
     monkeypatch.setattr(contact, "PANELS", {"panel": known})
     outcome, rows = studied(tmp_path)

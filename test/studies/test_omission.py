@@ -1,14 +1,12 @@
 """`dlo_sim study omission --quick`, run once; and which variants a scene has."""
 
-import csv
 from dataclasses import replace
 
 import pytest
+from study_tables import quick, rows_of
 
-from dlo_sim.batch.workers import HERE
 from dlo_sim.scene import needs
 from dlo_sim.scene.loading import load_scene, shipped_scene, shipped_scenes
-from dlo_sim.studies import Request
 from dlo_sim.studies import omission as study_module
 from dlo_sim.studies.omission import QUICK_TERMS, TERMS, Row, has, job, variants
 from dlo_sim.tuning.trial import attempt
@@ -20,18 +18,17 @@ pytestmark = pytest.mark.slow
 def study(tmp_path_factory):
     """Folder and outcome of one quick study."""
     folder = tmp_path_factory.mktemp("omission")
-    outcome = study_module.run_study(Request(folder, True, "dlo_sim study omission", HERE))
-    return folder, outcome
+    return folder, quick(study_module, folder)
 
 
 @pytest.fixture(scope="module")
 def rows(study):
-    with (study[0] / "omission.csv").open(encoding="utf-8", newline="") as stream:
-        return {row["term"]: row for row in csv.DictReader(stream)}
+    return {row["term"]: row for row in rows_of(study[0], "omission")}
 
 
 def test_every_term_is_known():
-    assert set(TERMS) == {*needs.NAMES, "out_of_plane", "air_drag"}
+    """The Bishop frame comes with all twist but that relative to the Frenet frame."""
+    assert {*TERMS, "bishop"} == {*needs.NAMES, "out_of_plane", "air_drag"}
 
 
 def test_every_term_asked_for_has_a_row(rows):
@@ -70,7 +67,7 @@ def test_every_shipped_scene_has_every_term_with_and_without(name):
         assert variant.automatic == has(scene, variant.term)
         assert variant.automatic != bool(variant.reason)
         if name == "paper_wire" and variant.term == "damping":
-            note = "no damping; both with integrator.method velocity_verlet"
+            note = "no damping; both with integrator.method energy_momentum"
             assert variant.note == note
         for other in TERMS:
             if scene in (variant.full, variant.bare):
@@ -90,7 +87,7 @@ def test_grippers_move_unless_they_are_put_in():
     scene = load_scene(shipped_scene("two_grippers"))
     found = {variant.term: variant for variant in variants(scene)}
     assert found["twist"].automatic and found["twist"].bare.terms.twist == "off"
-    assert found["stretch"].bare.integrator.method == "rattle"
+    assert found["stretch"].bare.terms.stretch == "off"
     assert found["drive"].full.start.driven and not found["drive"].bare.start.driven
     assert not found["drive"].still
     ((end, motion),) = job(scene, 1.0).motions
@@ -104,11 +101,11 @@ def test_grippers_move_unless_they_are_put_in():
 
 
 def test_a_run_that_fails_at_its_own_step_is_done_at_a_smaller_one(monkeypatch):
-    """The hanging cable without stretch, by rattle, as if that diverged at its own step."""
+    """The hanging cable without stretch, as if that diverged at its own step."""
 
     def diverging(job, setting, timed):
         trial = attempt(job, setting, timed=timed)
-        fails = setting.method == "rattle" and setting.step == 0.0
+        fails = job.scene.terms.stretch == "off" and setting.step == 0.0
         return replace(trial, message="the energy grew") if fails else trial
 
     monkeypatch.setattr(study_module, "attempt", diverging)
@@ -124,9 +121,9 @@ def test_a_run_that_fails_at_its_own_step_is_done_at_a_smaller_one(monkeypatch):
 
 def test_what_is_left_out_is_judged_without_the_other_model_of_twist():
     rows = [
-        Row("wire", "loads", False, 1e-6, 1e-6, 2e-6, "no loads"),
-        Row("wire", "frenet", False, 1e-6, 1e-6, 5e-2, "terms.twist is not frenet"),
-        Row("wire", "gravity", True, 1e-6, 1e-6, 3e-2, ""),
+        Row("wire", "loads", "left out", 1e-6, 1e-6, 0.0, 2e-6, "no loads"),
+        Row("wire", "frenet", "left out", 1e-6, 1e-6, 0.0, 5e-2, "terms.twist is not frenet"),
+        Row("wire", "gravity", "yes", 1e-6, 1e-6, 0.0, 3e-2, ""),
     ]
     (line,) = study_module.verdicts_of(rows).values()
     assert line.endswith(": 0.002 mm")

@@ -1,11 +1,11 @@
 """`dlo_sim study paper --quick`, run once: everything is there, and its numbers make sense."""
 
-import csv
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from study_tables import rows_of
 
 from dlo_sim.cli.main import main
 from dlo_sim.studies.paper import published
@@ -40,11 +40,6 @@ def first(claim) -> float:
 
 def measured(folder: Path) -> dict[str, float]:
     return {row["what"]: float(row["value"]) for row in rows_of(folder, "measured")}
-
-
-def rows_of(folder: Path, name: str) -> list[dict[str, str]]:
-    with (folder / f"{name}.csv").open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
 
 
 def test_every_claim_has_its_evidence_in_the_report(study):

@@ -1,12 +1,10 @@
 """`dlo_sim study stability`, cut down to one cable and few methods: its numbers and its report."""
 
-import csv
 import math
 
 import pytest
+from study_tables import quick, rows_of
 
-from dlo_sim.batch.workers import HERE
-from dlo_sim.studies import Request
 from dlo_sim.studies import stability as maps
 from dlo_sim.studies.stability import FINISHED, REFUSED, SKIPPED, STOPPED, Point
 
@@ -95,16 +93,10 @@ def outcome(small, tmp_path_factory):
     """The study cut down, and the folder that it wrote."""
     folder = tmp_path_factory.mktemp("stability")
     seen = []
-    request = Request(folder, True, "dlo_sim study stability", HERE, progress=seen.append)
-    result = maps.run_study(request)
+    result = quick(maps, folder, progress=seen.append)
     assert seen == sorted(seen)
     assert seen[-1] == pytest.approx(1.0)
     return folder, result
-
-
-def rows_of(folder, name):
-    with (folder / f"{name}.csv").open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
 
 
 def test_every_run_of_a_map_is_in_its_data(outcome):

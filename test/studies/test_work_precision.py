@@ -1,14 +1,12 @@
 """`dlo_sim study work-precision --quick`, run once."""
 
-import csv
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
+from study_tables import quick, rows_of
 
-from dlo_sim.batch.workers import HERE
-from dlo_sim.studies import Request
+from dlo_sim.batch.workers import HERE, open_workers
 from dlo_sim.studies import work_precision as study_module
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, attempt, error
@@ -21,13 +19,7 @@ pytestmark = pytest.mark.slow
 def study(tmp_path_factory):
     """Folder and outcome of one quick study."""
     folder = tmp_path_factory.mktemp("work_precision")
-    request = Request(folder, True, "dlo_sim study work-precision", HERE)
-    return folder, study_module.run_study(request)
-
-
-def rows_of(folder: Path, name: str) -> list[dict[str, str]]:
-    with (folder / f"{name}.csv").open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
+    return folder, quick(study_module, folder)
 
 
 def test_failed_runs_are_rows_that_say_so(study):
@@ -87,6 +79,16 @@ def test_another_method_agrees_with_every_reference(study):
         assert 0.0 < float(row["own error in space [%]"]) < 1.0
 
 
+def test_worker_processes_give_the_same_references():
+    case = study_module.cantilever().shortened(0.1, (9, 11))
+    with open_workers(processes=2) as workers:
+        there = study_module.references([case], workers)[case.name]
+    here = study_module.references([case], HERE)[case.name]
+    assert np.array_equal(there.points, here.points) and np.ptp(here.points[:, 0, 2]) > 0.01
+    for name in ("space", "time", "check", "disagreement"):
+        assert getattr(there, name) == getattr(here, name)
+
+
 def test_errors_fall_with_resolution_and_time_is_of_second_order(study):
     space = rows_of(study[0], "space")
     errors = {}
@@ -131,7 +133,7 @@ def test_the_fastest_settings_are_within_the_error(study):
 
 def test_a_front_is_what_nothing_beats():
     def run(wall, error, status="ok"):
-        return study_module.Run("rk4", "by sample", 7, 1e-3, status, "", error, wall)
+        return study_module.Tried("rk4", "by sample", 7, 1e-3, status, "", error, wall)
 
     runs = [run(3.0, 1.0), run(1.0, 5.0), run(2.0, 6.0), run(0.5, 0.1, "diverged")]
     assert [(one.wall, one.error) for one in study_module.front(runs, "wall")] == [
@@ -177,5 +179,3 @@ def test_error_is_the_worst_rms():
     assert error(points, truth, (2,)) == 1.0
     assert error(points, truth) == 5.0
     assert error(points[:0], truth[:0]) == np.inf
-    points[-1, 1, 2] = 3.0
-    assert error(points, truth, (2,), last=True) == 3.0

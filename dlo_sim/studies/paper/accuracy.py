@@ -12,7 +12,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.paper.published import CONTROL_POINTS, REFERENCE, SAMPLES
 from dlo_sim.studies.paper.wires import COMPARED, Paper, scenario, softened
-from dlo_sim.studies.report import Array
+from dlo_sim.studies.report import Array, curves
 from dlo_sim.studies.runs import at_method, distance, each, run, step_cost
 
 SPAN = {True: 0.25, False: 10.0}  # [s], of runs whose error is compared with their run time
@@ -166,7 +166,7 @@ def _figures(paper: Paper, errors: Array, time: Array) -> None:
         ("length", "time", "material coordinate u [m]", U, 1),
     ):
         values = zip(CONTROL_POINTS, _rms(errors[:, COLUMN], axis), strict=True)
-        lines = [(f"n_u = {n}", *at) for n, row in values for at in zip(x, row, strict=True)]
+        lines = curves(x, {f"n_u = {n}": row for n, row in values})
         header = f"n_u | {label} | error, rms over {over} [mm]"
         caption = f"Error over {what} for each n_u, n_s = 101"
         report.chart(f"error_over_{what}", header, lines, caption, "y")

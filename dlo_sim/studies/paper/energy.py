@@ -11,7 +11,7 @@ from dlo_sim.simulation.recording import Recording
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.paper import published
 from dlo_sim.studies.paper.wires import COMPARED, Paper, scenario, softened
-from dlo_sim.studies.report import Array
+from dlo_sim.studies.report import Array, curves
 from dlo_sim.studies.runs import at_method, distance, run
 
 FINE = 8  # ratio of a method's step to that of the reference, real wire
@@ -121,11 +121,7 @@ def _regular(paper: Paper) -> None:
         f"exponent fitted over the last two thirds"
     )
     _show(paper, "energy_regular", found, caption)
-    rows = [
-        (method, t, gap)
-        for method, one in found.items()
-        for t, gap in zip(fine.time[1:], one.gap[1:], strict=True)
-    ]
+    rows = curves(fine.time[1:], {method: one.gap[1:] for method, one in found.items()})
     header = "method | time [s] | largest position error so far [m]"
     caption = "Growth of the position error of a regular wire at 2 ms (constants CHANGED)"
     looks = {"zhai": {"linestyle": "--", "zorder": 5}}  # on the line of velocity_verlet
@@ -141,12 +137,10 @@ def _regular(paper: Paper) -> None:
 def _show(paper: Paper, name: str, found: dict[str, Conservation], caption: str) -> None:
     """Add the table, and the energy over time in a panel for each method."""
     paper.report.table(name, HEADER, [one.row for one in found.values()], caption)
-    rows = [
-        (f"{method}, step {1e6 * one.recording.step_s:.4g} us", method, t, error)
-        for method, one in found.items()
-        for t, error in zip(
-            one.recording.time, one.recording.energy - one.recording.energy[0], strict=True
-        )
-    ]
+    rows = []
+    for method, one in found.items():
+        made = one.recording
+        panel = f"{method}, step {1e6 * made.step_s:.4g} us"
+        rows += curves(made.time, {method: made.energy - made.energy[0]}, panel)
     header, caption = "run | method | time [s] | energy error [J]", "Energy error over time"
     paper.report.chart(f"{name}_chart", header, rows, f"{caption}; mind the scales", linewidth=0.4)

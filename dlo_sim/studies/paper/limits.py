@@ -10,11 +10,10 @@ import numpy as np
 from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.simulation.recording import record
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.paper import published, wires
 from dlo_sim.studies.paper.wires import COMPARED, NEGLIGIBLE, SCENARIOS, Paper, scenario
-from dlo_sim.studies.runs import UNESTIMATED, at_method, bisected, distance, each, run
+from dlo_sim.studies.runs import at_method, bisected, distance, each, reaches, run
 
 STEPS = published.DURATION / published.STEP  # of the paper in its Tables 1 to 4
 PIECE = 100  # steps between two energy checks
@@ -82,11 +81,9 @@ def add(paper: Paper) -> None:
 
 def _observed(number: int, method: str, predicted: float, steps: int) -> float:
     """Largest step [s] at which a run of `steps` predicted steps is not stopped."""
-    scene = scenario(number)
 
     def fine(step: float) -> bool:
-        simulator = Simulator(at_method(scene, method, step), unchecked_step=True)
-        return simulator.advance(steps * predicted).status.advanced
+        return reaches(at_method(scenario(number), method, step), steps * predicted)
 
     return bisected(fine, 0.63 * predicted, 1.41 * predicted, TOLERANCE)
 
@@ -106,10 +103,6 @@ def stopped_at(scene: Scene, method: str) -> int:
     return next(number for number in count(1) if not fine(1))
 
 
-# Of the straight wire, whose torsion is far below the floor: the twist alone.
-TWIST_ALONE: Changes = {"terms.twist": "frenet", "torsion.curvature_floor": 1e5}
-
-
 def _term_table(paper: Paper) -> None:
     """Add the limits with one stiffness at a time."""
     scene = scenario(1)
@@ -122,7 +115,6 @@ def _term_table(paper: Paper) -> None:
         "end springs alone": axial | bending,
         "bending alone": axial | springs,
         "everything, lumped mass": {"discretization.mass": "lumped"},
-        "torsion alone": TWIST_ALONE | axial | springs | bending,
     }
     rows: list[list[Any]] = []
     for name, changes in variants.items():
@@ -141,7 +133,7 @@ def _paper_rows(paper: Paper) -> None:
     soft, heavy = wires.softened(scene, factor), {"cable.linear_density": scene.cable.mu * factor}
     springs = f"{scene.start.spring[0] / factor:.3g} N/m"
     changed = f"**EA = {soft.cable.EA:.3g} N and springs {springs} (1/{factor:.0f})**"
-    others = () if paper.quick else ("implicit_midpoint", "rattle")
+    others = () if paper.quick else ("implicit_midpoint",)
     wanted = [
         ("forest_ruth", changed, soft),
         ("forest_ruth", f"**mass times {factor:.0f}**", scene.with_values(heavy)),
@@ -153,8 +145,7 @@ def _paper_rows(paper: Paper) -> None:
     for name, change, wire in wanted:
         method, _, where = name.partition(", ")
         try:
-            at_2_ms = at_method(wire.with_values(UNESTIMATED), method, published.STEP)
-            recording = record(at_2_ms, duration, 0.01)
+            recording = run(at_method(wire, method, published.STEP), duration, 0.01, whole=False)
         except SceneError as refusal:
             reason = str(refusal).partition(";")[0].partition(" (")[0]
             rows.append([name, change, f"refused: {reason}", None, None, None, None])

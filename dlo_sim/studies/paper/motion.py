@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_sim.studies.paper.wires import SCENARIOS, Paper, scenario
+from dlo_sim.studies.report import curves
 from dlo_sim.studies.runs import at_method, distance, each, run
 
 DURATION = {True: 2.0, False: 10.0}  # [s]
@@ -36,12 +37,9 @@ def add(paper: Paper) -> None:
         moved = recording.control_points[:, :, :3].copy()
         moved[:, :, 0] -= moved[0, :, 0]
         for name in COORDINATES[number]:
-            rows = [
-                (panel, f"q{q + 1}", t, value)
-                for panel, until in (("whole run", np.inf), (f"first {START:g} s", START))
-                for q, values in enumerate(moved[:, :, "xyz".index(name)].T)
-                for t, value in zip(time[time <= until], values, strict=False)
-            ]
+            every = {f"q{q + 1}": y for q, y in enumerate(moved[:, :, "xyz".index(name)].T)}
+            rows = curves(time, every, "whole run")
+            rows += curves(time[time <= START], every, f"first {START:g} s")
             header = f"shown | control point | time [s] | {name} [mm]"
             caption = f"{name} of every control point, {where}"
             paper.report.chart(f"scenario_{number}_{name}", header, rows, caption)
@@ -53,11 +51,7 @@ def add(paper: Paper) -> None:
         header, caption = "time | x [m] | z [mm]", f"Sequence of shapes, {where}"
         paper.report.chart(f"scenario_{number}_shapes", header, shapes, caption)
     gaps = {m: distance(one, second) for m, one in zip(OTHERS, others, strict=True)}
-    lines = [
-        (method, t, off)
-        for method, gap in gaps.items()
-        for t, off in zip(second.time[1:], gap[1:], strict=True)
-    ]
+    lines = curves(second.time[1:], {method: gap[1:] for method, gap in gaps.items()})
     header = "method | time [s] | largest distance from forest_ruth [m]"
     caption = "Two methods in scenario 2, each at 0.9 of its stability limit"
     paper.report.chart("scenario_2_parting", header, lines, caption, "y")

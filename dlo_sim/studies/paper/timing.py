@@ -17,7 +17,7 @@ from dlo_sim.studies.paper import published, wires
 from dlo_sim.studies.paper.interpreted import Wire
 from dlo_sim.studies.paper.published import CONTROL_POINTS, SAMPLES
 from dlo_sim.studies.paper.wires import COMPARED, SCENARIOS, Paper, scenario
-from dlo_sim.studies.report import COLORS, Array
+from dlo_sim.studies.report import COLORS, Array, curves
 from dlo_sim.studies.runs import Cost, advance, at_method, least, step_cost
 
 PAPER_NAMES = {"forest_ruth": "symplectic", "rk4": "Runge-Kutta", "zhai": "Zhai"}
@@ -82,22 +82,20 @@ def add(paper: Paper) -> None:
         _tables(paper, {method: timings[number, method] for method in COMPARED}, number)
     _cost_table(paper, timings)
     first = {method: timings[1, method] for method in COMPARED}
-    rows = [("real time", t, t) for t in published.TIMES]
+    lines = {"real time": published.TIMES}
     looks: dict[str, dict[str, Any]] = {"real time": {"color": "black", "linewidth": 0.8}}
     for method, one in first.items():
-        lines = {
-            f"compiled, {method}": (one.wall, "-"),
-            f"numpy, {method}": (one.interpreted, "--"),
-        }
+        times = {"compiled": one.wall, "numpy": one.interpreted}
         if method in published.CPP_1:
-            lines[f"paper C++ at 2 ms, {method}"] = (published.CPP_1[method], ":")
-        for name, (times, style) in lines.items():
-            rows += [(name, *at) for at in zip(published.TIMES, times, strict=False)]
-            looks[name] = {"color": COLORS[method], "linestyle": style}
+            times["paper C++ at 2 ms"] = published.CPP_1[method]
+        for (who, line), style in zip(times.items(), ("-", "--", ":"), strict=False):
+            lines[f"{who}, {method}"] = line
+            looks[f"{who}, {method}"] = {"color": COLORS[method], "linestyle": style}
         paper.found[TIME(method)] = float(one.wall[-2])
         paper.found[COST(method)] = 1e6 * one.cost.best
     header = "what | simulated time [s] | run time [s]"
     caption = "Run time over simulated time, scenario 1; below *real time*: faster than that"
+    rows = curves(published.TIMES, lines)
     paper.report.chart("run_time", header, rows, caption, "xy", looks=looks)
     paper.found[RATIO] = first["forest_ruth"].numpy / first["forest_ruth"].cost.best
     paper.found["interpreted from compiled run after 20 steps [m]"] = max(
@@ -222,12 +220,10 @@ def add_sizes(paper: Paper) -> None:
     )
     _paper_step_table(paper)
     both = {"the paper's C++": published.SWEEP_CPP_1 / SWEEP_STEPS, "compiled, here": compiled}
-    rows = [
-        [who, f"n_u = {n}", samples, costs[i, j]]
-        for who, costs in both.items()
-        for i, n in enumerate(CONTROL_POINTS)
-        for j, samples in enumerate(SAMPLES)
-    ]
+    rows = []
+    for who, costs in both.items():
+        by_size = zip(CONTROL_POINTS, costs, strict=True)
+        rows += curves(SAMPLES, {f"n_u = {n}": line for n, line in by_size}, who)
     header, caption = "who | n_u | n_s | cost of a Forest-Ruth step [us]", "Cost of a step"
     report.chart("cost_over_size", header, rows, f"{caption} over n_s and n_u, scenario 1")
     column = SAMPLES.index(101)
