@@ -264,7 +264,7 @@ class _Filling:
         """alpha M + c G, with the Gram matrix G that the mass of the cable is made of, without
         point masses, and c = 0 for the twist.
 
-        The rates of every line are for the explicit methods and rattle, which take no drag beside a
+        The rates of every line are for the explicit methods, which take no drag beside a
         point mass: drag and mass have the same shape there.
         """
         scene, linear = self._scene, self._arrays.linear

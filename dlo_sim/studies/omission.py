@@ -11,7 +11,7 @@ import numpy as np
 
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.scene import description
+from dlo_sim.scene import description, terms
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, scene_values, shipped_scenes
 from dlo_sim.scene.needs import check_terms, needs_of
@@ -132,7 +132,7 @@ TERMS = {
     "out_of_plane": Term(SPACE, _flat, along=("loads",)),
     **{
         one.name: Term({**one.faint}, {key: DEFAULTS[key] for key in one.faint}, along=("damping",))
-        for one in description.TERMS
+        for one in terms.TERMS
         if one.faint
     },
 }
