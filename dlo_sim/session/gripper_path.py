@@ -124,10 +124,6 @@ class Pose(NamedTuple):
     position: Vector
     orientation: Quaternion
 
-    def moved(self, delta_ns: int) -> Pose:
-        """The same pose with its stamp shifted by delta [ns]."""
-        return self._replace(stamp_ns=self.stamp_ns + delta_ns)
-
 
 class SmoothedPoses(Waiting[Pose]):
     """Poses that wait to be used, and are smoothed as they are taken out.
@@ -156,13 +152,6 @@ class SmoothedPoses(Waiting[Pose]):
         """Let the poses that are there be taken with incomplete windows."""
         if self._pending:
             self._settled_ns = self._pending[-1].stamp_ns
-
-    def shift_time(self, delta_ns: int) -> None:
-        """Shift all stamps by delta [ns]."""
-        super().shift_time(delta_ns)
-        self._past = deque(p.moved(delta_ns) for p in self._past)
-        if self._settled_ns is not None:
-            self._settled_ns += delta_ns
 
     def next_change_ns(self) -> int | None:
         """Time base [ns] of the next pose if it is ready; else None."""
@@ -305,10 +294,6 @@ class Shift(NamedTuple):
             (x + weight * ox, y + weight * oy, z + weight * oz),
             turned(pose.orientation, (weight * tx, weight * ty, weight * tz)),
         )
-
-    def moved(self, delta_ns: int) -> Shift:
-        """The same shift with its time shifted by delta [ns]."""
-        return self._replace(begin_ns=self.begin_ns + delta_ns)
 
 
 class PoseTiming:
@@ -496,13 +481,6 @@ class GripperPath(SmoothedPoses):
         """Whether the newest pose, which must exist, is older than the timeout at `wanted_ns`."""
         assert self.newest is not None
         return wanted_ns - self.newest.stamp_ns > self.timeout_ns
-
-    def shift_time(self, delta_ns: int) -> None:
-        """Shift all stamps by delta [ns]."""
-        super().shift_time(delta_ns)
-        self.newest = self.newest and self.newest.moved(delta_ns)
-        self._center = self._center and self._center.moved(delta_ns)
-        self._shift = self._shift and self._shift.moved(delta_ns)
 
     def begin(self, base_ns: int) -> tuple[Array, Array]:
         """Start the path at rest at the newest pose not after `base_ns`, else at the first pose;

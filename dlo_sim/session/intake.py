@@ -234,17 +234,16 @@ def _too_distant(values: tuple[float, ...]) -> Refused:
 
 
 class Accepted(NamedTuple):
-    """A message that is used, or of which only the stamp is used.
+    """A message that is used.
 
     Attributes:
         verdict: what its stamp means for everything before it.
-        entries: the inputs that it is for (one topic may drive several); empty if only the stamp is
-            used.
+        entries: the inputs that it is for (one topic may drive several).
     """
 
     verdict: Verdict
-    entries: tuple[InputTopic, ...] = ()
-    message: Pose | LoadMessage | TakeMessage | Points | Markers | None = None
+    entries: tuple[InputTopic, ...]
+    message: Pose | LoadMessage | TakeMessage | Points | Markers
 
 
 class _Topic:
@@ -307,12 +306,6 @@ class _Topic:
         old = self.poses[-1].stamp_ns - MOST_BEHIND
         if self.poses[0].stamp_ns < old:  # the last one stays, however old
             del self.poses[: bisect_right(self.poses, old, key=_stamp)]
-
-    def follow_offset(self) -> None:
-        """Shift poses that were dated by the clock as the time base has shifted their stamps."""
-        if self.poses and self.source.last_ns is not None:
-            delta_ns = self.source.last_ns - self.poses[-1].stamp_ns
-            self.poses = [pose.moved(delta_ns) for pose in self.poses]
 
 
 class Intake:
@@ -415,7 +408,7 @@ class Intake:
         found: list[Accepted] = []
         for topic in self._topics.values():
             found += self._look_up(topic, clock_ns, patience_ns)
-            if topic.source.pending:
+            if topic.source.pending or topic.source.undated:
                 found += self._follow(topic, self.time_base.due(topic.source, clock_ns))
         return found
 
@@ -525,8 +518,6 @@ class Intake:
                 topic.record.copies += 1
             except Refused as refused:
                 topic.record.refuse(refused.reason, refused.detail)
-                if decision.verdict is Verdict.DECIDE:  # its stamp is valid all the same
-                    found.append(Accepted(decision.verdict))
         return found
 
     def _use(self, topic: _Topic, decision: Decision) -> Accepted:
@@ -541,9 +532,6 @@ class Intake:
         stamp_ns, end, values = decision.message
         if decision.verdict is Verdict.START_OVER:
             self.clear()
-        elif decision.verdict is Verdict.DECIDE:
-            for other in self._topics.values():
-                other.follow_offset()
         message: Pose | LoadMessage | TakeMessage | Points | Markers
         if topic.is_pose:
             message = topic.pose(values, stamp_ns)

@@ -194,17 +194,6 @@ class Surroundings(Waiting[Markers]):
         if not self._next and len(self._fields) <= self._most:  # not while it is paused
             self._make(change.obstacle for change in message.changes)
 
-    def shift_time(self, delta_ns: int) -> None:
-        """Shift all stamps by delta [ns]."""
-        super().shift_time(delta_ns)
-        self._said = {name: (one, ns + delta_ns) for name, (one, ns) in self._said.items()}
-        self._ends = {name: ns + delta_ns for name, ns in self._ends.items()}
-        for later in (self._batch, self._next):
-            later |= {name: _Later(one, ns + delta_ns) for name, (one, ns) in later.items()}
-        if self._ready_ns is not None:
-            self._ready_ns += delta_ns
-        self._free_ns += delta_ns
-
     def next_change_ns(self) -> int | None:
         """Time base [ns] of the next known message, end of a life, or batch; None = none."""
         changes = (super().next_change_ns(), self._ready_ns, *self._ends.values())

@@ -353,17 +353,16 @@ class Session:
         if offset != offset_before:
             self._pacing.listen_anew()
             if Verdict.START_OVER not in verdicts:
-                self._drive.shift_time(offset_before - offset, inputs=Verdict.DECIDE in verdicts)
+                self._drive.follow_offset(offset_before - offset)
         for accepted in found:
             if accepted.verdict is Verdict.START_OVER:
-                self._restart("time_jump", "stamps or clock jumped; simulation reset")
+                line = "stamps or clock jumped; simulation reset"
+                self._restart("time_jump" if self.started else "", line)
             if accepted.verdict is not Verdict.USE and offset and offset != offset_before:
                 side = "behind" if offset > 0 else "ahead of"
                 away = f"{abs(offset) * 1e-9:.6g} s {side} the clock"
                 self.journal.event("other_epoch", f"stamps are {away}; using their own time base")
             for entry in accepted.entries:
-                if accepted.message is None:
-                    continue
                 self._drive.queue(entry).add(accepted.message)
                 stamp_ns, now_ns = accepted.message.stamp_ns, self._time.from_clock(clock_ns)
                 if entry.is_pose:
@@ -436,7 +435,8 @@ class Session:
         self._waiting = ()
         self._pacing.clear()
         self._resuming = False
-        self.journal.event(event, detail)
+        if event:
+            self.journal.event(event, detail)
 
     def _message(self) -> str:
         if self._failure:

@@ -38,6 +38,7 @@ _LONGEST_WAIT = SECOND // 10
 
 # While the clock stands still no patience is spent; at most this many messages of a topic wait.
 MOST_PENDING = 1000
+_MOST_UNDATED = 100
 
 _CURE = "synchronise the clocks or set inputs.time: arrival"
 
@@ -46,8 +47,8 @@ class Verdict(Enum):
     """Effect of a message on everything before it."""
 
     USE = "nothing"
-    DECIDE = "it has decided the offset, until which all was dated by the clock"
-    START_OVER = "it is forgotten: the stamps or clocks have jumped"
+    DECIDE = "nothing of it was dated, but it has decided the offset"
+    START_OVER = "it is forgotten: the stamps or clocks have jumped, or are of another epoch"
 
 
 class Copy(Exception):
@@ -99,6 +100,9 @@ class Source:
             the messages, None = nothing used. What comes late but after that can be put in order.
         run: the latest messages.
         pending: waiting messages, in the order of their stamps.
+        undated: the newest messages without a stamp, and their arrivals [ns], before any topic has
+            a stamp: they come again if that is of another epoch than the clock, by which they were
+            dated.
     """
 
     is_pose: bool = False
@@ -107,6 +111,7 @@ class Source:
     passed_ns: int | None = None
     run: _Run | None = None
     pending: deque[_Pending] = field(default_factory=deque)
+    undated: deque[tuple[Stamped, int]] = field(default_factory=lambda: deque(maxlen=_MOST_UNDATED))
 
     def clear(self) -> None:
         """Forget the used messages; waiting ones are decided by those that follow."""
@@ -150,7 +155,8 @@ class TimeBase:
     stamps that continue those of their topic are of the same epoch however late they arrive. With
     d = clock - stamp and the offset o, a message is
     - dated by its ARRIVAL if its stamp is 0, or in mode `arrival`;
-    - the FIRST stamped one of all: it decides o = d, as an old recording is of another epoch;
+    - the FIRST stamped one of all: it decides o = d, as an old recording is of another epoch; what
+      was dated by the clock before is then dated again;
     - STALE if its stamp is not after the newest used of its topic: a `copy` if it is that message
       again, as of a second recorder; used in its place if the simulation has not used a later one;
       else `out_of_order`, or `too_old` if it is more than 1 s back;
@@ -198,6 +204,7 @@ class TimeBase:
         self._decided = self.mode != "auto"
         for source in self._sources:
             source.clear()
+            source.undated.clear()
 
     def from_clock(self, clock_ns: int) -> int:
         """Time base [ns] at this clock time [ns]."""
@@ -237,15 +244,23 @@ class TimeBase:
             message: stamp 0 = unstamped.
             arrival_ns: clock time of its arrival [ns].
         """
+        dated = message.stamp_ns == 0 or self.mode == "arrival"
+        verdict = Verdict.USE
+        if not (dated or self._decided):
+            verdict = self._decide_first(arrival_ns - message.stamp_ns)
+        for decision in self._sort(source, message, arrival_ns, dated):
+            if decision.refusal is None and verdict is not Verdict.USE:
+                decision, verdict = decision._replace(verdict=verdict), Verdict.USE
+            yield decision
+
+    def _sort(
+        self, source: Source, message: Stamped, arrival_ns: int, dated: bool
+    ) -> Iterator[Decision]:
         yield from self.due(source, arrival_ns)
-        if message.stamp_ns == 0 or self.mode == "arrival":
-            stamp_ns = self.from_clock(arrival_ns)
-            refusal: Refused | Copy | None = None
-            message = message._replace(stamp_ns=stamp_ns)
-            if source.last_ns is not None and stamp_ns <= source.last_ns:
-                same = stamp_ns in source.seen and message == source.seen[stamp_ns]
-                refusal = Copy() if same else _at_one_instant()
-            yield Decision(message, refusal=refusal)
+        if dated:
+            if not self._decided:
+                source.undated.append((message, arrival_ns))
+            yield self._dated(source, message, arrival_ns)
             return
         try:
             verdict = self._place(source, message, arrival_ns)
@@ -257,6 +272,15 @@ class TimeBase:
         else:
             yield from self.refute(source, message.stamp_ns)
             yield Decision(message, verdict)
+
+    def _dated(self, source: Source, message: Stamped, arrival_ns: int) -> Decision:
+        """Date a message by its arrival."""
+        message = message._replace(stamp_ns=self.from_clock(arrival_ns))
+        refusal: Refused | Copy | None = None
+        if source.last_ns is not None and message.stamp_ns <= source.last_ns:
+            same = message == source.seen.get(message.stamp_ns)
+            refusal = Copy() if same else _at_one_instant()
+        return Decision(message, refusal=refusal)
 
     def _wait(self, source: Source, new: _Pending) -> Iterator[Decision]:
         """Put a message among those that wait; refuse those that it refutes."""
@@ -281,6 +305,8 @@ class TimeBase:
 
     def due(self, source: Source, clock_ns: int) -> Iterator[Decision]:
         """Decide about the messages of a topic that have waited long enough; as `sort`."""
+        while self._decided and source.undated:
+            yield self._dated(source, *source.undated.popleft())
         while source.pending:
             first = source.pending[0]
             verdict = Verdict.USE
@@ -316,24 +342,13 @@ class TimeBase:
         """
         stamp_ns, difference_ns = message.stamp_ns, clock_ns - message.stamp_ns
         source.note(difference_ns, self._spent_ns)
-        if self._decided and self._has_jumped(source, stamp_ns):
+        if self._has_jumped(source, stamp_ns):
             return self._begin_again(difference_ns)
-        # Deciding the offset shifts the stamps that were dated by the clock so far.
-        renaming = 0 if self._decided else self.offset_ns - _offset(difference_ns)
-        if source.last_ns is not None and stamp_ns <= source.last_ns + renaming:
-            back_ns = source.last_ns + renaming - stamp_ns
+        if source.last_ns is not None and stamp_ns <= source.last_ns:
+            back_ns = source.last_ns - stamp_ns
             if back_ns > MOST_BEHIND:
                 raise _too_old(back_ns)
             source.check_free(message)
-            if not self._decided:
-                raise _out_of_order(back_ns)
-        elif not self._decided:
-            self._decide(difference_ns)
-            for other in self._sources:
-                other.seen.clear()
-                if other.last_ns is not None:
-                    other.last_ns += renaming
-            return Verdict.DECIDE
         ahead_ns = self.offset_ns - difference_ns
         if ahead_ns > MOST_AHEAD:
             return None
@@ -342,6 +357,19 @@ class TimeBase:
         if self.offset_ns and ahead_ns > 0:
             self.offset_ns = _offset(difference_ns)
         return Verdict.USE
+
+    def _decide_first(self, difference_ns: int) -> Verdict:
+        """Let the first stamped message of all decide the offset."""
+        before_ns, self.offset_ns, self._decided = self.offset_ns, _offset(difference_ns), True
+        known = any(source.last_ns is not None for source in self._sources)
+        for source in self._sources:
+            if self.offset_ns == before_ns:
+                source.undated.clear()
+            else:
+                source.clear()
+        if self.offset_ns == before_ns:
+            return Verdict.USE
+        return Verdict.START_OVER if known else Verdict.DECIDE
 
     def _heard(self, offset_ns: int, lately_ns: int) -> list[Source]:
         """The topics that were heard within a time [ns] with stamps that fit an offset."""
@@ -379,12 +407,8 @@ class TimeBase:
     def _begin_again(self, difference_ns: int) -> Verdict:
         """Forget all used messages of all topics, and set a new offset."""
         self.start_over()
-        self._decide(difference_ns)
+        self._decided, self.offset_ns = True, _offset(difference_ns)
         return Verdict.START_OVER
-
-    def _decide(self, difference_ns: int) -> None:
-        self._decided = True
-        self.offset_ns = _offset(difference_ns)
 
 
 def _offset(difference_ns: int) -> int:
