@@ -141,7 +141,7 @@ class ContentCheck:
             Refused: it cannot be used.
         """
         values = message.values
-        self.check_finite(values)
+        check_finite(values)
         if kind == "pose":
             check_pose(values)
         elif kind == "two_points":
@@ -151,17 +151,6 @@ class ContentCheck:
         elif values and max(map(abs, values)) > MOST_DISTANT:
             raise _too_distant(values)
         return message._replace(frame_id=self._check_frame(message.frame_id, kind))
-
-    @staticmethod
-    def check_finite(values: tuple[float, ...]) -> None:
-        """Refuse a number that is not finite.
-
-        Raises:
-            Refused: `not_finite`.
-        """
-        # The sum of finite numbers overflows only far beyond every limit.
-        if not math.isfinite(sum(values)):
-            raise Refused("not_finite", f"{cdr.shown(values)}; repair the publisher")
 
     def _check_size(self, values: tuple[float, ...]) -> None:
         for name, unit, vector, limit in (
@@ -190,6 +179,17 @@ class ContentCheck:
         )
 
 
+def check_finite(values: Sequence[float]) -> None:
+    """Refuse a number that is not finite.
+
+    Raises:
+        Refused: `not_finite`.
+    """
+    # The sum of finite numbers overflows only far beyond every limit.
+    if not math.isfinite(sum(values)):
+        raise Refused("not_finite", f"{cdr.shown(values)} is not finite; repair its source")
+
+
 def _check_points(values: tuple[float, ...], spacing: float) -> None:
     if len(values) != 6:
         raise Refused("bad_points", f"{len(values) // 3} points; publish two")
@@ -209,17 +209,19 @@ def _check_points(values: tuple[float, ...], spacing: float) -> None:
         )
 
 
-def _check_position(position: tuple[float, ...]) -> None:
+def _check_position(position: Sequence[float]) -> None:
     if math.hypot(*position) > MOST_DISTANT:
         raise _too_distant(position)
 
 
-def check_pose(values: tuple[float, ...]) -> None:
-    """Refuse a position that is too far away, or a quaternion that is not of unit length.
+def check_pose(values: Sequence[float]) -> None:
+    """Refuse a pose (7) with a number that is not finite, a position that is too far away, or a
+    quaternion that is not of unit length.
 
     Raises:
         Refused: it cannot be used.
     """
+    check_finite(values)
     _check_position(values[:3])
     norm = math.hypot(*values[3:])
     if abs(norm - 1.0) > NORM_TOLERANCE:
@@ -228,7 +230,7 @@ def check_pose(values: tuple[float, ...]) -> None:
         )
 
 
-def _too_distant(values: tuple[float, ...]) -> Refused:
+def _too_distant(values: Sequence[float]) -> Refused:
     shown = cdr.shown(values[:3])
     return Refused("too_large", f"position {shown} is beyond {MOST_DISTANT:g} m; check its unit")
 
@@ -461,7 +463,7 @@ class Intake:
             try:
                 if there is not None:
                     marker = marker._replace(pose=self._content.check(there, "pose").values)
-                    self._content.check_finite(marker.scale)
+                    check_finite(marker.scale)
                 changes.append(change_of(marker, self._radius))
             except Refused as refused:
                 bad.append((marker.name, refused))

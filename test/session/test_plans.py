@@ -112,7 +112,7 @@ def test_a_plan_without_a_stamp_begins_as_it_comes(session, turn):
         ({"times": [0.0, 100.0]}, "bad_plan", "ends 100.255 s after the present state"),
         ({"stamp": NOW - 2 * SECOND}, "bad_plan", "ends -0.745 s after the present state"),
         ({"shift": 0.1}, "bad_plan", "begins 0.173 m and 0 rad away from the newest pose of start"),
-        ({"shift": np.nan}, "not_finite", "the plan's pose 0 of start is [nan, "),
+        ({"shift": np.nan}, "not_finite", "the plan's pose 0 of start: [nan, "),
         ({"turn": (0, 0, 0.6, 0.8)}, "bad_plan", "1.29 rad away"),
         (
             {"turn": (0, 0, 0, 2)},
