@@ -25,7 +25,7 @@ from dlo_sim.ros.forecaster import Forecaster
 from dlo_sim.ros.guarded_node import GuardedNode, one_line
 from dlo_sim.ros.parameters import SceneParameters, check_qos_overrides
 from dlo_sim.ros.status import LOG_PAUSE, REPORT_PERIOD, Reports, TickTimes, node_status
-from dlo_sim.ros.topics import Inputs, Outputs
+from dlo_sim.ros.topics import Publishers, Subscriptions
 from dlo_sim.ros.transforms import transforms_of
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
@@ -116,10 +116,10 @@ class LiveCable:
         if self._forecaster is not None:
             opened.callback(self._forecaster.close)
         try:
-            self._outputs = Outputs(node, scene)
+            self._outputs = Publishers(node, scene)
             opened.callback(self._outputs.close)
             plans = (entry._replace(topic=self._plan_topic) for entry in plan_topics(scene))
-            self._inputs = Inputs(node, (*self._session.inputs, *plans), self._receive)
+            self._inputs = Subscriptions(node, (*self._session.inputs, *plans), self._receive)
             opened.callback(self._inputs.close)
             self._serve(opened)
         except RuntimeError as error:

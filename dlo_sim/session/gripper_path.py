@@ -71,10 +71,10 @@ _FORESEEN = 3
 _SILENCES = 3
 # A need that has become less lowers the lag after one to two times this time [ns].
 _CALM = 5 * SECOND
-# Delays are looked at in windows of at least so long [ns] and so many messages. Those that come at
-# once count as one, with the largest of their delays: before them, the path was known no further.
-# The delay of an end is the smallest of the largest of so many windows, so that no hold-up is a
-# delay, but poses that always come in bursts are.
+# The delay of the poses is the smallest of the largest delays in each of so many windows, so that a
+# hold-up is no delay, but poses that always come in bursts are delayed. A window lasts at least so
+# long [ns] and contains so many arrivals. Messages that arrive at the same instant are one arrival,
+# with the delay of the oldest of them, because the path could not go on before they came.
 _AT_ONCE, _WINDOW, _PER_WINDOW, _WINDOWS = SECOND // 50, SECOND // 4, 5, 8
 
 
