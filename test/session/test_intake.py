@@ -206,25 +206,6 @@ def test_fast_but_possible_motion_is_accepted(loaded):
     assert loaded.refused("/gripper_pose") == {"too_fast": 1}
 
 
-def test_load_in_the_frame_of_the_end_effector_is_turned(loaded):
-    half = math.sqrt(0.5)
-    loaded.pose(T0, (0, 0, 0), (0, 0, half, half))
-    loaded.pose(T0 + 20 * MS, (0, 0, 0), (0, 0, half, half))
-    loaded.wrench(T0 + 5 * MS, (1, 0, 0), (0, 1, 0), frame="tool")
-    loaded.run(T0, T0 + 90 * MS)
-    (call,) = (c for c in loaded.simulator.calls if c[0] == "load")
-    assert np.allclose(call[3], [0, 1, 0])
-    assert np.allclose(call[4], [-1, 0, 0])
-
-
-def test_sign_of_a_load(bench):
-    flipped = bench(FREE, **{"loads.tip.sign": -1.0})
-    flipped.wrench(T0, (1, 2, 3), (4, 5, 6))
-    flipped.run(T0, T0 + 100 * MS)
-    (call,) = (c for c in flipped.simulator.calls if c[0] == "load")
-    assert (call[3], call[4]) == ((-1, -2, -3), (-4, -5, -6))
-
-
 def test_force_topic_takes_a_vector(bench):
     values = {k: v for k, v in FREE.items() if not k.startswith("loads")}
     force = bench(values, **{"loads.names": ["force"], "loads.force.type": "force"})
