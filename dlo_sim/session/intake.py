@@ -25,7 +25,7 @@ from dlo_sim.session.diagnostics import Journal, Refused, TopicRecord
 from dlo_sim.session.gripper_path import Pose
 from dlo_sim.session.markers import Change, Markers, change_of
 from dlo_sim.session.observer import Points
-from dlo_sim.session.time_base import MOST_BEHIND, SECOND, Copy, Decision, Source, TimeBase, Verdict
+from dlo_sim.session.time_base import MOST_BEHIND, SECOND, Copy, Decision, Source, TimeBase
 from dlo_sim.session.topics import POINT_KINDS, InputTopic, tf_inputs
 from dlo_sim.session.waiting import LoadMessage, TakeMessage, Waiting
 
@@ -239,11 +239,11 @@ class Accepted(NamedTuple):
     """A message that is used.
 
     Attributes:
-        verdict: what its stamp means for everything before it.
+        restart: whether everything before it is forgotten.
         entries: the inputs that it is for (one topic may drive several).
     """
 
-    verdict: Verdict
+    restart: bool
     entries: tuple[InputTopic, ...]
     message: Pose | LoadMessage | TakeMessage | Points | Markers
 
@@ -532,7 +532,7 @@ class Intake:
         if decision.refusal is not None:
             raise decision.refusal
         stamp_ns, end, values = decision.message
-        if decision.verdict is Verdict.START_OVER:
+        if decision.restart:
             self.clear()
         message: Pose | LoadMessage | TakeMessage | Points | Markers
         if topic.is_pose:
@@ -556,7 +556,7 @@ class Intake:
             message = LoadMessage(stamp_ns, values[:3], values[3:] or (0.0, 0.0, 0.0), end)
         topic.source.use(decision.message)
         topic.record.accepted += 1
-        return Accepted(decision.verdict, topic.entries, message)
+        return Accepted(decision.restart, topic.entries, message)
 
     def _suspect_unit(self, topic: _Topic, pose: Pose) -> None:
         """Note a first pose that seems to be in millimetres."""

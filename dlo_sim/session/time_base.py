@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import NamedTuple
 
 from dlo_sim.session.cdr import Stamped
@@ -43,14 +42,6 @@ _MOST_UNDATED = 100
 _CURE = "synchronise the clocks or set inputs.time: arrival"
 
 
-class Verdict(Enum):
-    """Effect of a message on everything before it."""
-
-    USE = "nothing"
-    DECIDE = "nothing of it was dated, but it has decided the offset"
-    START_OVER = "it is forgotten: the stamps or clocks have jumped, or are of another epoch"
-
-
 class Copy(Exception):
     """The same message again, as from a second recorder: it is neither used nor refused."""
 
@@ -60,12 +51,13 @@ class Decision(NamedTuple):
 
     Attributes:
         message: the message, with its stamp in the time base.
-        verdict: its effect on everything before it.
+        restart: whether everything before it is forgotten, as the stamps or clocks have jumped, or
+            are of another epoch.
         refusal: why it is not used; None if it is.
     """
 
     message: Stamped
-    verdict: Verdict = Verdict.USE
+    restart: bool = False
     refusal: Refused | Copy | None = None
 
 
@@ -245,12 +237,12 @@ class TimeBase:
             arrival_ns: clock time of its arrival [ns].
         """
         dated = message.stamp_ns == 0 or self.mode == "arrival"
-        verdict = Verdict.USE
+        restart = False
         if not (dated or self._decided):
-            verdict = self._decide_first(arrival_ns - message.stamp_ns)
+            restart = self._decide_first(arrival_ns - message.stamp_ns)
         for decision in self._sort(source, message, arrival_ns, dated):
-            if decision.refusal is None and verdict is not Verdict.USE:
-                decision, verdict = decision._replace(verdict=verdict), Verdict.USE
+            if decision.refusal is None and restart:
+                decision, restart = decision._replace(restart=True), False
             yield decision
 
     def _sort(
@@ -263,15 +255,15 @@ class TimeBase:
             yield self._dated(source, message, arrival_ns)
             return
         try:
-            verdict = self._place(source, message, arrival_ns)
+            restart = self._place(source, message, arrival_ns)
         except (Copy, Refused) as refused:
             yield Decision(message, refusal=refused)
             return
-        if verdict is None:
+        if restart is None:
             yield from self._wait(source, _Pending(message, arrival_ns, self._spent_ns))
         else:
             yield from self.refute(source, message.stamp_ns)
-            yield Decision(message, verdict)
+            yield Decision(message, restart)
 
     def _dated(self, source: Source, message: Stamped, arrival_ns: int) -> Decision:
         """Date a message by its arrival."""
@@ -309,7 +301,7 @@ class TimeBase:
             yield self._dated(source, *source.undated.popleft())
         while source.pending:
             first = source.pending[0]
-            verdict = Verdict.USE
+            restart = False
             refusal: Refused | Copy | None = None
             ahead = first.message.stamp_ns - self.from_clock(clock_ns)
             if ahead > MOST_AHEAD:
@@ -321,21 +313,22 @@ class TimeBase:
                     return
                 else:
                     newest = source.pending[-1]
-                    verdict = self._begin_again(newest.arrival_ns - newest.message.stamp_ns)
+                    restart = self._begin_again(newest.arrival_ns - newest.message.stamp_ns)
             source.pending.popleft()
-            if refusal is None and verdict is Verdict.USE:
+            if refusal is None and not restart:
                 try:
                     source.check_free(first.message)
                 except (Copy, Refused) as refused:
                     refusal = refused
-            yield Decision(first.message, verdict, refusal)
+            yield Decision(first.message, restart, refusal)
 
     def _refused(self, pending: _Pending) -> Decision:
         ahead = pending.message.stamp_ns - self.from_clock(pending.arrival_ns)
         return Decision(pending.message, refusal=_in_future(ahead))
 
-    def _place(self, source: Source, message: Stamped, clock_ns: int) -> Verdict | None:
-        """Apply the rules to a stamped message that arrives now; None: it waits.
+    def _place(self, source: Source, message: Stamped, clock_ns: int) -> bool | None:
+        """Apply the rules to a stamped message that arrives now; returns whether all starts over,
+        None: it waits.
 
         Raises:
             Copy, Refused: it is not used.
@@ -356,10 +349,12 @@ class TimeBase:
             raise _too_old(-ahead_ns, "those of other topics" if self.offset_ns else "the clock")
         if self.offset_ns and ahead_ns > 0:
             self.offset_ns = _offset(difference_ns)
-        return Verdict.USE
+        return False
 
-    def _decide_first(self, difference_ns: int) -> Verdict:
-        """Let the first stamped message of all decide the offset."""
+    def _decide_first(self, difference_ns: int) -> bool:
+        """Let the first stamped message of all decide the offset; returns whether all that was
+        dated before starts over.
+        """
         before_ns, self.offset_ns, self._decided = self.offset_ns, _offset(difference_ns), True
         known = any(source.last_ns is not None for source in self._sources)
         for source in self._sources:
@@ -367,9 +362,7 @@ class TimeBase:
                 source.undated.clear()
             else:
                 source.clear()
-        if self.offset_ns == before_ns:
-            return Verdict.USE
-        return Verdict.START_OVER if known else Verdict.DECIDE
+        return known and self.offset_ns != before_ns
 
     def _heard(self, offset_ns: int, lately_ns: int) -> list[Source]:
         """The topics that were heard within a time [ns] with stamps that fit an offset."""
@@ -404,11 +397,11 @@ class TimeBase:
 
         return support(offset_ns) > support(self.offset_ns)
 
-    def _begin_again(self, difference_ns: int) -> Verdict:
+    def _begin_again(self, difference_ns: int) -> bool:
         """Forget all used messages of all topics, and set a new offset."""
         self.start_over()
         self._decided, self.offset_ns = True, _offset(difference_ns)
-        return Verdict.START_OVER
+        return True
 
 
 def _offset(difference_ns: int) -> int:
