@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 _ZERO = (0.0, 0.0, 0.0)
 
 
-class AdvanceResult(NamedTuple):
+class Advance(NamedTuple):
     """Result of an advance: steps taken, ends that wait for a pose, and why the simulator failed or
     was slow ("" = it did not, was not).
     """
@@ -200,7 +200,7 @@ class Drive:
         self.estimate = None
         self._too_slow = False
 
-    def advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> AdvanceResult:
+    def advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> Advance:
         """Take at most `most_steps` whole steps up to `wanted_ns`; stop where a pose is missing.
 
         Args:
@@ -216,20 +216,18 @@ class Drive:
         while self.simulator.steps < target:
             waiting = self._renew_motions(grid, silence_ns)
             if waiting:
-                return AdvanceResult(self.simulator.steps - begin, waiting, slow=slow)
+                return Advance(self.simulator.steps - begin, waiting, slow=slow)
             stop = self._apply_inputs(grid, target)
             report = self._driven.advance_steps(stop - self.simulator.steps)
             slow = report.note or slow
             if not report.status.advanced:
-                return AdvanceResult(
-                    self.simulator.steps - begin, failure=report.message, slow=slow
-                )
+                return Advance(self.simulator.steps - begin, failure=report.message, slow=slow)
             self.unresolved = self.unresolved or report.message
             self._note_slipped_out()
         # A state between two motions belongs to the later one (velocities agree, accelerations do
         # not), so outputs of this state need that motion if it is known.
         self._renew_motions(grid, silence_ns)
-        return AdvanceResult(self.simulator.steps - begin, slow=slow)
+        return Advance(self.simulator.steps - begin, slow=slow)
 
     def _renew_motions(self, grid: StepGrid, silence_ns: int) -> tuple[str, ...]:
         """Set the next motion of every end whose motion is over; returns the ends without one."""
