@@ -41,7 +41,7 @@ setup(
     package_data={NAME: ["py.typed"], f"{NAME}.view": ["page.html", "page.js"]},
     python_requires=">=3.11",
     # .ci/run tries the lowest versions. Pythons that numba does not know are refused by numba.
-    install_requires=["numpy>=1.26", "numba>=0.58.1", "rosbags", "ruamel.yaml", "tqdm"],
+    install_requires=["numpy>=1.26", "numba>=0.58.1", "mcap", "rosbags", "ruamel.yaml", "tqdm"],
     extras_require={
         # ROS from wheels, for machines without a ROS installation; never mix it with a sourced one.
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],

@@ -57,6 +57,7 @@ FOREIGN = {
     **dict.fromkeys(ROS_MESSAGES, {"ros"}),
     "tf2_ros": {"ros/transforms.py"},
     "rosbags": {"replay/bags.py", "session/cdr.py"},
+    "mcap": {"replay/storage.py"},
     "matplotlib": {"studies", "demo", "view/film.py"},
     "mpl_toolkits": {"view/film.py"},
     "ruamel": {"scene", "cli", "ros"},

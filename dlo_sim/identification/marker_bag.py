@@ -17,6 +17,8 @@ from dlo_sim.identification.measurement import (
 )
 from dlo_sim.replay.bags import Bag, BagError, topic_list
 from dlo_sim.session import cdr
+from dlo_sim.session.diagnostics import Refused
+from dlo_sim.session.intake import check_finite, check_pose
 
 Array = NDArray[np.float64]
 MARKERS = (cdr.POSE_ARRAY, cdr.MARKER_ARRAY, cdr.POINT_CLOUD)
@@ -52,13 +54,11 @@ def read_marker_bag(path: Path, topics: Mapping[str, str]) -> Measurement:
             else:
                 found = cdr.decode(message.type, message.data)
                 frames.setdefault(name, found.frame_id)
+                (check_finite if name == "force" else check_pose)(found.values)
                 values = np.array(found.values[:3] if name == "force" else found.values)
-                if not np.isfinite(values).all() or (name != "force" and not values[3:].any()):
-                    raise MeasurementError(
-                        f"{path}: {message.topic}: {found.values} is no "
-                        f"{'force' if name == 'force' else 'pose'}; repair the recording"
-                    )
                 stamped[name].append((found.stamp_ns, values))
+        except Refused as refused:
+            raise MeasurementError(f"{path}: {message.topic}: {refused.detail}") from None
         except cdr.DecodeError as trouble:
             raise MeasurementError(
                 f"{path}: a message on {message.topic}: {trouble}; repair the recording, or name "

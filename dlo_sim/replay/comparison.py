@@ -18,7 +18,7 @@ _LAG_STEP = 1e-3  # s
 _AT_REST = 1e-6
 
 
-class Recording:
+class ForceSeries:
     """Times and forces being collected."""
 
     def __init__(self, end: str) -> None:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dlo_sim.replay.bags import Bag, BagError, BagWriter, topic_list
-from dlo_sim.replay.comparison import AxisComparison, Recording, compare_reaction
+from dlo_sim.replay.comparison import AxisComparison, ForceSeries, compare_reaction
 from dlo_sim.replay.storage import Record
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import Refusal
@@ -246,8 +246,8 @@ class _Replay:
             )
         # Without an output only what is compared has to be computed.
         self._wanted = None if writer is not None else [REACTION.format(end) for end in compare]
-        self._recordings = {resolved(topic): Recording(end) for end, topic in compare.items()}
-        self._predictions = {REACTION.format(end): Recording(end) for end in compare}
+        self._recordings = {resolved(topic): ForceSeries(end) for end, topic in compare.items()}
+        self._predictions = {REACTION.format(end): ForceSeries(end) for end in compare}
 
     def execute(self, wanted: Mapping[str, str]) -> None:
         """Run to the end of the bag and fill the summary."""

@@ -39,6 +39,10 @@ _CABLES = Parameter("cables", "string_array", ())
 _SCENE = Parameter("scene", "string", "")
 _PERIOD = 1.0  # [s] between two diagnostics of a cable that is not there
 _LIFECYCLE = Parameter("lifecycle", "bool", False)
+# [s] for which a thread may keep the interpreter to itself. A tick gives it away at each compiled
+# step and each publication, and would wait 5 ms, Python's own value, to get it back every time that
+# a changed scene is being prepared.
+_SWITCH_INTERVAL = 1.0e-4
 _LONGEST_SPIN = 0.2  # [s]; a signal is noticed after this long also when no timer fires
 _Return = TransitionCallbackReturn
 
@@ -266,6 +270,7 @@ def _node(values: Mapping[str, Any], *given: Any, **options: Any) -> CableNode:
 def run_cables(makers: dict[str, Makers]) -> int:
     """Run every cable in a thread of its own, so that none waits for another; the worst status."""
     running = list(makers)
+    sys.setswitchinterval(_SWITCH_INTERVAL)
     with ThreadPoolExecutor(len(makers)) as pool:
         ends = [pool.submit(_run_cable, name, makers[name], running) for name in makers]
     return max(end.result() for end in ends)

@@ -5,8 +5,6 @@ far a tick goes and what is worth a warning is decided in `dlo_sim.session`, whi
 shares.
 """
 
-import sys
-import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -25,7 +23,7 @@ from dlo_sim.ros.forecaster import Forecaster
 from dlo_sim.ros.guarded_node import GuardedNode, one_line
 from dlo_sim.ros.parameters import SceneParameters, check_qos_overrides
 from dlo_sim.ros.status import LOG_PAUSE, REPORT_PERIOD, Reports, TickTimes, node_status
-from dlo_sim.ros.topics import Inputs, Outputs
+from dlo_sim.ros.topics import Publishers, Subscriptions
 from dlo_sim.ros.transforms import transforms_of
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
@@ -46,11 +44,6 @@ from dlo_sim.simulation.simulator import Snapshot
 
 _LONGEST_WAIT = 50_000_000  # [ns] for a phase
 _STEP_AHEAD = Duration(seconds=1)  # of the clock: the first /clock, a bag that seeks
-# [s] for which a thread may keep the interpreter to itself. A tick gives it away at each compiled
-# step and each publication, and would wait 5 ms, Python's own value, to get it back every time.
-_SWITCH_INTERVAL = 1.0e-4
-_turn = threading.Lock()
-_usual: list[float] = []  # of the process, while one or more cables prepare
 
 Result = TypeVar("Result")
 
@@ -116,10 +109,10 @@ class LiveCable:
         if self._forecaster is not None:
             opened.callback(self._forecaster.close)
         try:
-            self._outputs = Outputs(node, scene)
+            self._outputs = Publishers(node, scene)
             opened.callback(self._outputs.close)
             plans = (entry._replace(topic=self._plan_topic) for entry in plan_topics(scene))
-            self._inputs = Inputs(node, (*self._session.inputs, *plans), self._receive)
+            self._inputs = Subscriptions(node, (*self._session.inputs, *plans), self._receive)
             opened.callback(self._inputs.close)
             self._serve(opened)
         except RuntimeError as error:
@@ -450,20 +443,11 @@ def in_background(
     """
     due = time.perf_counter()
     meanwhile()  # some of a period may have gone by since the last call
-    with _turn:
-        _usual.append(sys.getswitchinterval())
-        sys.setswitchinterval(_SWITCH_INTERVAL)
-    try:
-        with ThreadPoolExecutor(1, "preparing") as pool:
-            future = pool.submit(work)
-            while True:
-                due = max(due + period(), time.perf_counter())
-                wait([future], max(due - time.perf_counter(), 0.0))
-                if future.done():
-                    return future.result()
-                meanwhile()
-    finally:
-        with _turn:
-            usual = _usual.pop()
-            if not _usual:
-                sys.setswitchinterval(usual)
+    with ThreadPoolExecutor(1, "preparing") as pool:
+        future = pool.submit(work)
+        while True:
+            due = max(due + period(), time.perf_counter())
+            wait([future], max(due - time.perf_counter(), 0.0))
+            if future.done():
+                return future.result()
+            meanwhile()

@@ -14,7 +14,7 @@ from rclpy.utilities import get_rmw_implementation_identifier
 
 from dlo_sim.ros.guarded_node import GuardedNode
 from dlo_sim.ros.status import InputSources
-from dlo_sim.ros.topics import Inputs, input_qos
+from dlo_sim.ros.topics import Subscriptions, input_qos
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import TopicRecord
 from dlo_sim.session.session import Session
@@ -115,7 +115,7 @@ def _listen(node: Node, executor: Executor, session: Session, seconds: float, rm
     if simulated:
         node.set_parameters([Parameter("use_sim_time", value=True)])
     listening = _Listening(session, lambda: int(node.get_clock().now().nanoseconds))
-    subscriptions = Inputs(node, session.inputs, listening.receive)
+    subscriptions = Subscriptions(node, session.inputs, listening.receive)
     node.create_timer(1.0 / session.scene.rate, listening.tick)
     _spin(executor, seconds)
     heard = tuple(

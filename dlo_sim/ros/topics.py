@@ -56,7 +56,7 @@ def output_qos(topic: str) -> QoSProfile:
     return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-class Outputs:
+class Publishers:
     """Publishers of what a scene puts out."""
 
     def __init__(self, node: Node, scene: Scene) -> None:
@@ -132,7 +132,7 @@ class Outputs:
             self._node.destroy_publisher(self._publishers.popitem()[1])
 
 
-class Inputs:
+class Subscriptions:
     """Subscriptions to what a session listens to."""
 
     def __init__(

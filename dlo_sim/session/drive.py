@@ -339,18 +339,10 @@ class Drive:
             self._hold_loads()
         return spared
 
-    def shift_time(self, delta_ns: int, inputs: bool) -> None:
-        """Shift the time stamps of the simulation by delta [ns].
-
-        Args:
-            inputs: shift those of the inputs too, as they were dated by the clock so far. Else only
-                a simulation without driven ends is shifted, since its time is that of the clock.
-        """
-        if self.grid is not None and (inputs or not self.paths):
+    def follow_offset(self, delta_ns: int) -> None:
+        """Shift the time of a simulation without driven ends, which is that of the clock [ns]."""
+        if self.grid is not None and not self.paths:
             self.grid.origin_ns += delta_ns
-        if inputs:
-            for one in self._queues:
-                one.shift_time(delta_ns)
 
     def prepare(self, scene: Scene) -> Prepared:
         """Prepare `reconfigure` for another scene with the same driven ends and loads.

@@ -71,10 +71,10 @@ _FORESEEN = 3
 _SILENCES = 3
 # A need that has become less lowers the lag after one to two times this time [ns].
 _CALM = 5 * SECOND
-# Delays are looked at in windows of at least so long [ns] and so many messages. Those that come at
-# once count as one, with the largest of their delays: before them, the path was known no further.
-# The delay of an end is the smallest of the largest of so many windows, so that no hold-up is a
-# delay, but poses that always come in bursts are.
+# The delay of the poses is the smallest of the largest delays in each of so many windows, so that a
+# hold-up is no delay, but poses that always come in bursts are delayed. A window lasts at least so
+# long [ns] and contains so many arrivals. Messages that arrive at the same instant are one arrival,
+# with the delay of the oldest of them, because the path could not go on before they came.
 _AT_ONCE, _WINDOW, _PER_WINDOW, _WINDOWS = SECOND // 50, SECOND // 4, 5, 8
 
 
@@ -124,10 +124,6 @@ class Pose(NamedTuple):
     position: Vector
     orientation: Quaternion
 
-    def moved(self, delta_ns: int) -> Pose:
-        """The same pose with its stamp shifted by delta [ns]."""
-        return self._replace(stamp_ns=self.stamp_ns + delta_ns)
-
 
 class SmoothedPoses(Waiting[Pose]):
     """Poses that wait to be used, and are smoothed as they are taken out.
@@ -156,13 +152,6 @@ class SmoothedPoses(Waiting[Pose]):
         """Let the poses that are there be taken with incomplete windows."""
         if self._pending:
             self._settled_ns = self._pending[-1].stamp_ns
-
-    def shift_time(self, delta_ns: int) -> None:
-        """Shift all stamps by delta [ns]."""
-        super().shift_time(delta_ns)
-        self._past = deque(p.moved(delta_ns) for p in self._past)
-        if self._settled_ns is not None:
-            self._settled_ns += delta_ns
 
     def next_change_ns(self) -> int | None:
         """Time base [ns] of the next pose if it is ready; else None."""
@@ -305,10 +294,6 @@ class Shift(NamedTuple):
             (x + weight * ox, y + weight * oy, z + weight * oz),
             turned(pose.orientation, (weight * tx, weight * ty, weight * tz)),
         )
-
-    def moved(self, delta_ns: int) -> Shift:
-        """The same shift with its time shifted by delta [ns]."""
-        return self._replace(begin_ns=self.begin_ns + delta_ns)
 
 
 class PoseTiming:
@@ -496,13 +481,6 @@ class GripperPath(SmoothedPoses):
         """Whether the newest pose, which must exist, is older than the timeout at `wanted_ns`."""
         assert self.newest is not None
         return wanted_ns - self.newest.stamp_ns > self.timeout_ns
-
-    def shift_time(self, delta_ns: int) -> None:
-        """Shift all stamps by delta [ns]."""
-        super().shift_time(delta_ns)
-        self.newest = self.newest and self.newest.moved(delta_ns)
-        self._center = self._center and self._center.moved(delta_ns)
-        self._shift = self._shift and self._shift.moved(delta_ns)
 
     def begin(self, base_ns: int) -> tuple[Array, Array]:
         """Start the path at rest at the newest pose not after `base_ns`, else at the first pose;

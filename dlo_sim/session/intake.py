@@ -25,7 +25,7 @@ from dlo_sim.session.diagnostics import Journal, Refused, TopicRecord
 from dlo_sim.session.gripper_path import Pose
 from dlo_sim.session.markers import Change, Markers, change_of
 from dlo_sim.session.observer import Points
-from dlo_sim.session.time_base import MOST_BEHIND, SECOND, Copy, Decision, Source, TimeBase, Verdict
+from dlo_sim.session.time_base import MOST_BEHIND, SECOND, Copy, Decision, Source, TimeBase
 from dlo_sim.session.topics import POINT_KINDS, InputTopic, tf_inputs
 from dlo_sim.session.waiting import LoadMessage, TakeMessage, Waiting
 
@@ -141,7 +141,7 @@ class ContentCheck:
             Refused: it cannot be used.
         """
         values = message.values
-        self.check_finite(values)
+        check_finite(values)
         if kind == "pose":
             check_pose(values)
         elif kind == "two_points":
@@ -151,17 +151,6 @@ class ContentCheck:
         elif values and max(map(abs, values)) > MOST_DISTANT:
             raise _too_distant(values)
         return message._replace(frame_id=self._check_frame(message.frame_id, kind))
-
-    @staticmethod
-    def check_finite(values: tuple[float, ...]) -> None:
-        """Refuse a number that is not finite.
-
-        Raises:
-            Refused: `not_finite`.
-        """
-        # The sum of finite numbers overflows only far beyond every limit.
-        if not math.isfinite(sum(values)):
-            raise Refused("not_finite", f"{cdr.shown(values)}; repair the publisher")
 
     def _check_size(self, values: tuple[float, ...]) -> None:
         for name, unit, vector, limit in (
@@ -190,6 +179,17 @@ class ContentCheck:
         )
 
 
+def check_finite(values: Sequence[float]) -> None:
+    """Refuse a number that is not finite.
+
+    Raises:
+        Refused: `not_finite`.
+    """
+    # The sum of finite numbers overflows only far beyond every limit.
+    if not math.isfinite(sum(values)):
+        raise Refused("not_finite", f"{cdr.shown(values)} is not finite; repair its source")
+
+
 def _check_points(values: tuple[float, ...], spacing: float) -> None:
     if len(values) != 6:
         raise Refused("bad_points", f"{len(values) // 3} points; publish two")
@@ -209,17 +209,19 @@ def _check_points(values: tuple[float, ...], spacing: float) -> None:
         )
 
 
-def _check_position(position: tuple[float, ...]) -> None:
+def _check_position(position: Sequence[float]) -> None:
     if math.hypot(*position) > MOST_DISTANT:
         raise _too_distant(position)
 
 
-def check_pose(values: tuple[float, ...]) -> None:
-    """Refuse a position that is too far away, or a quaternion that is not of unit length.
+def check_pose(values: Sequence[float]) -> None:
+    """Refuse a pose (7) with a number that is not finite, a position that is too far away, or a
+    quaternion that is not of unit length.
 
     Raises:
         Refused: it cannot be used.
     """
+    check_finite(values)
     _check_position(values[:3])
     norm = math.hypot(*values[3:])
     if abs(norm - 1.0) > NORM_TOLERANCE:
@@ -228,23 +230,22 @@ def check_pose(values: tuple[float, ...]) -> None:
         )
 
 
-def _too_distant(values: tuple[float, ...]) -> Refused:
+def _too_distant(values: Sequence[float]) -> Refused:
     shown = cdr.shown(values[:3])
     return Refused("too_large", f"position {shown} is beyond {MOST_DISTANT:g} m; check its unit")
 
 
 class Accepted(NamedTuple):
-    """A message that is used, or of which only the stamp is used.
+    """A message that is used.
 
     Attributes:
-        verdict: what its stamp means for everything before it.
-        entries: the inputs that it is for (one topic may drive several); empty if only the stamp is
-            used.
+        restart: whether everything before it is forgotten.
+        entries: the inputs that it is for (one topic may drive several).
     """
 
-    verdict: Verdict
-    entries: tuple[InputTopic, ...] = ()
-    message: Pose | LoadMessage | TakeMessage | Points | Markers | None = None
+    restart: bool
+    entries: tuple[InputTopic, ...]
+    message: Pose | LoadMessage | TakeMessage | Points | Markers
 
 
 class _Topic:
@@ -307,12 +308,6 @@ class _Topic:
         old = self.poses[-1].stamp_ns - MOST_BEHIND
         if self.poses[0].stamp_ns < old:  # the last one stays, however old
             del self.poses[: bisect_right(self.poses, old, key=_stamp)]
-
-    def follow_offset(self) -> None:
-        """Shift poses that were dated by the clock as the time base has shifted their stamps."""
-        if self.poses and self.source.last_ns is not None:
-            delta_ns = self.source.last_ns - self.poses[-1].stamp_ns
-            self.poses = [pose.moved(delta_ns) for pose in self.poses]
 
 
 class Intake:
@@ -415,7 +410,7 @@ class Intake:
         found: list[Accepted] = []
         for topic in self._topics.values():
             found += self._look_up(topic, clock_ns, patience_ns)
-            if topic.source.pending:
+            if topic.source.pending or topic.source.undated:
                 found += self._follow(topic, self.time_base.due(topic.source, clock_ns))
         return found
 
@@ -468,7 +463,7 @@ class Intake:
             try:
                 if there is not None:
                     marker = marker._replace(pose=self._content.check(there, "pose").values)
-                    self._content.check_finite(marker.scale)
+                    check_finite(marker.scale)
                 changes.append(change_of(marker, self._radius))
             except Refused as refused:
                 bad.append((marker.name, refused))
@@ -525,8 +520,6 @@ class Intake:
                 topic.record.copies += 1
             except Refused as refused:
                 topic.record.refuse(refused.reason, refused.detail)
-                if decision.verdict is Verdict.DECIDE:  # its stamp is valid all the same
-                    found.append(Accepted(decision.verdict))
         return found
 
     def _use(self, topic: _Topic, decision: Decision) -> Accepted:
@@ -539,11 +532,8 @@ class Intake:
         if decision.refusal is not None:
             raise decision.refusal
         stamp_ns, end, values = decision.message
-        if decision.verdict is Verdict.START_OVER:
+        if decision.restart:
             self.clear()
-        elif decision.verdict is Verdict.DECIDE:
-            for other in self._topics.values():
-                other.follow_offset()
         message: Pose | LoadMessage | TakeMessage | Points | Markers
         if topic.is_pose:
             message = topic.pose(values, stamp_ns)
@@ -566,7 +556,7 @@ class Intake:
             message = LoadMessage(stamp_ns, values[:3], values[3:] or (0.0, 0.0, 0.0), end)
         topic.source.use(decision.message)
         topic.record.accepted += 1
-        return Accepted(decision.verdict, topic.entries, message)
+        return Accepted(decision.restart, topic.entries, message)
 
     def _suspect_unit(self, topic: _Topic, pose: Pose) -> None:
         """Note a first pose that seems to be in millimetres."""

@@ -178,6 +178,9 @@ class Surroundings(Waiting[Markers]):
         super().clear()
         # Obstacle -> as the last message has it, the stamp of that, and the end of its life [ns].
         self._said: dict[str, tuple[Obstacle, int]] = {}
+        # What is to be there after the present step, and where to it moves within a time [ns].
+        self._there: dict[str, Obstacle] = {}
+        self._moving: dict[str, tuple[Obstacle, int]] = {}
         self._ends: dict[str, int] = {}
         # What takes effect with the batch that is being made, when [ns], and what with the next.
         self._batch: dict[str, _Later] = {}
@@ -195,17 +198,6 @@ class Surroundings(Waiting[Markers]):
         if not self._next and len(self._fields) <= self._most:  # not while it is paused
             self._make(change.obstacle for change in message.changes)
 
-    def shift_time(self, delta_ns: int) -> None:
-        """Shift all stamps by delta [ns]."""
-        super().shift_time(delta_ns)
-        self._said = {name: (one, ns + delta_ns) for name, (one, ns) in self._said.items()}
-        self._ends = {name: ns + delta_ns for name, ns in self._ends.items()}
-        for later in (self._batch, self._next):
-            later |= {name: _Later(one, ns + delta_ns) for name, (one, ns) in later.items()}
-        if self._ready_ns is not None:
-            self._ready_ns += delta_ns
-        self._free_ns += delta_ns
-
     def next_change_ns(self) -> int | None:
         """Time base [ns] of the next known message, end of a life, or batch; None = none."""
         changes = (super().next_change_ns(), self._ready_ns, *self._ends.values())
@@ -221,33 +213,27 @@ class Surroundings(Waiting[Markers]):
         if change is None or change > now_ns:
             return
         before = {one.name: one for one in simulator.scene.added}
-        there = dict(before)
-        moving: dict[str, tuple[Obstacle, int]] = {}
-        self._take_batch(now_ns, there, moving)
+        self._there, self._moving = dict(before), {}
+        self._take_batch(now_ns)
         waited = bool(self._next)
         for message in self.due(now_ns):
             if now_ns - message.stamp_ns > step_ns:
                 self._note("late", "markers came after the simulation had passed their stamp")
-            self._hear(message, before, there, moving)
+            self._hear(message, before)
         gone = [name for name, end_ns in self._ends.items() if end_ns <= now_ns]
         for name in gone:
             del self._ends[name]
         self._drop(gone)
-        self._forget(gone, there, moving)
+        self._forget(gone)
         if self._ready_ns is None and self._next:
             self._begin(now_ns, now_ns + self._head_start_ns * waited)
-            self._take_batch(now_ns, there, moving)
-        self._replace(before, there, simulator, driven)
+            self._take_batch(now_ns)
+        self._replace(before, simulator, driven)
         self._make_no_more()
-        for name, (obstacle, way_ns) in moving.items():
+        for name, (obstacle, way_ns) in self._moving.items():
             self._move(name, obstacle, max(way_ns, step_ns) / SECOND, simulator, driven)
 
-    def _take_batch(
-        self,
-        now_ns: int,
-        there: dict[str, Obstacle],
-        moving: dict[str, tuple[Obstacle, int]],
-    ) -> None:
+    def _take_batch(self, now_ns: int) -> None:
         """Let the batch take effect if it is time and its fields are made."""
         if self._ready_ns is None or self._ready_ns > now_ns:
             return
@@ -259,18 +245,12 @@ class Surroundings(Waiting[Markers]):
             self._note("late", f"meshes of markers were made {late:.3g} s too late")
         for name, (obstacle, stamp_ns) in self._batch.items():
             if obstacle is None:
-                self._forget([name], there, moving)
+                self._forget([name])
             else:
-                self._say(obstacle, stamp_ns, True, there, moving)
+                self._say(obstacle, stamp_ns, True)
         self._batch, self._ready_ns, self._late = {}, None, False
 
-    def _hear(
-        self,
-        message: Markers,
-        before: dict[str, Obstacle],
-        there: dict[str, Obstacle],
-        moving: dict[str, tuple[Obstacle, int]],
-    ) -> None:
+    def _hear(self, message: Markers, before: Mapping[str, Obstacle]) -> None:
         """Let a message take effect, or a part of it later."""
         stamp_ns, changes = message
         gone: dict[str, None] = {}
@@ -282,26 +262,26 @@ class Surroundings(Waiting[Markers]):
                 if lifetime_ns:
                     self._ends[name] = stamp_ns + lifetime_ns
                 continue
-            for one in [*there, *self._batch, *self._next, *said]:
+            for one in [*self._there, *self._batch, *self._next, *said]:
                 if name in ("", one, one.rpartition("/")[0] + "/"):
                     gone[one] = None
                     said.pop(one, None)
                     self._ends.pop(one, None)
-        meshes = {one.mesh for one in there.values()}
+        meshes = {one.mesh for one in self._there.values()}
         new = {name: one for name, one in said.items() if one.mesh and one.mesh not in meshes}
         self._drop([*(gone.keys() - new.keys()), *(said.keys() - new.keys())])
-        self._forget(gone.keys() & (said.keys() - new.keys()), there, moving)
+        self._forget(gone.keys() & (said.keys() - new.keys()))
         for name, obstacle in said.items():
             if name in new:
                 self._postpone(name, obstacle, stamp_ns)
             else:
-                added = name not in before or before[name] is not there.get(name)
-                self._say(obstacle, stamp_ns, added, there, moving)
-        removed = [one for one in gone if one not in said and one in there]
+                added = name not in before or before[name] is not self._there.get(name)
+                self._say(obstacle, stamp_ns, added)
+        removed = [one for one in gone if one not in said and one in self._there]
         if new:
             self._next |= {one: _Later(None, stamp_ns) for one in removed}
         else:
-            self._forget(removed, there, moving)
+            self._forget(removed)
 
     def _postpone(self, name: str, obstacle: Obstacle, stamp_ns: int) -> None:
         """Let an obstacle take effect when its mesh is made, unless too many wait."""
@@ -374,47 +354,36 @@ class Surroundings(Waiting[Markers]):
             wait(fields)
         return all(field.done() for field in fields)
 
-    def _forget(
-        self,
-        gone: Iterable[str],
-        there: dict[str, Obstacle],
-        moving: dict[str, tuple[Obstacle, int]],
-    ) -> None:
+    def _forget(self, gone: Iterable[str]) -> None:
         for one in gone:
-            for known in (there, moving, self._said):
+            for known in (self._there, self._moving, self._said):
                 known.pop(one, None)
 
-    def _say(
-        self,
-        obstacle: Obstacle,
-        stamp_ns: int,
-        new: bool,
-        there: dict[str, Obstacle],
-        moving: dict[str, tuple[Obstacle, int]],
-    ) -> None:
+    def _say(self, obstacle: Obstacle, stamp_ns: int, new: bool) -> None:
         """Note that a marker has an obstacle: a new one, which is added where the newest marker of
         this step has it, or one at another place.
         """
-        name, present = obstacle.name, there.get(obstacle.name)
+        name, present = obstacle.name, self._there.get(obstacle.name)
         if new or present is None or _body(present) != _body(obstacle):
-            there[name] = obstacle
-            moving.pop(name, None)
+            self._there[name] = obstacle
+            self._moving.pop(name, None)
         else:
             said, last_ns = self._said.get(name, (present, stamp_ns - round(LONGEST * SECOND)))
             if _pose(said) != _pose(obstacle):
-                moving[name] = obstacle, min(stamp_ns - last_ns, round(LONGEST * SECOND))
+                self._moving[name] = obstacle, min(stamp_ns - last_ns, round(LONGEST * SECOND))
         self._said[name] = obstacle, stamp_ns
 
     def _replace(
         self,
         before: Mapping[str, Obstacle],
-        there: Mapping[str, Obstacle],
         simulator: Simulator,
         driven: Simulator | ErrorEstimate,
     ) -> None:
-        """Replace the obstacles before by these, as far as they can be added."""
-        kept = [one for name, one in there.items() if before.get(name) == one]
-        for name, one in there.items():
+        """Replace the obstacles before by those that are said to be there, as far as they can be
+        added.
+        """
+        kept = [one for name, one in self._there.items() if before.get(name) == one]
+        for name, one in self._there.items():
             if before.get(name) == one:
                 continue
             try:

@@ -23,8 +23,9 @@ from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.session import cdr
+from dlo_sim.session.diagnostics import Refused
 from dlo_sim.session.gripper_path import Pose
-from dlo_sim.session.intake import MOST_DISTANT, NORM_TOLERANCE, Refused, check_pose
+from dlo_sim.session.intake import check_pose
 from dlo_sim.session.outputs import OutgoingMessage
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.topics import FORECAST, GHOSTS
@@ -209,18 +210,11 @@ def check_plan(scene: Scene, trajectory: Trajectory) -> None:
     if not len(times) or times[0] < 0.0 or not np.all(np.diff(times) > 0.0):
         shown = ", ".join(f"{time:.6g}" for time in times[:4])
         raise _bad_plan(f"has the times {shown or 'none'} ... s; give rising ones from 0 s on")
-    with np.errstate(over="ignore", invalid="ignore"):
-        distance = np.linalg.norm(trajectory.poses[..., :3], axis=-1)
-        norm = np.linalg.norm(trajectory.poses[..., 3:], axis=-1)
-        good = (distance <= MOST_DISTANT) & (np.abs(norm - 1.0) <= NORM_TOLERANCE)
-    for row, joint in np.argwhere(~good).tolist():
-        pose = tuple(trajectory.poses[row, joint].tolist())
-        where = f"the plan's pose {row} of {joints[joint]}"
-        if not math.isfinite(sum(pose)):
-            raise Refused("not_finite", f"{where} is {list(pose)}; repair the planner")
+    for row, joint in np.ndindex(trajectory.poses.shape[:2]):
         try:
-            check_pose(pose)
+            check_pose(trajectory.poses[row, joint].tolist())
         except Refused as refused:
+            where = f"the plan's pose {row} of {joints[joint]}"
             raise Refused(refused.reason, f"{where}: {refused.detail}") from None
 
 

@@ -34,7 +34,7 @@ from dlo_sim.session.gripper_path import Pose
 from dlo_sim.session.intake import Accepted, Intake, Transforms
 from dlo_sim.session.outputs import OutgoingMessage, Outputs
 from dlo_sim.session.pacing import Latency, Pacing, Shed
-from dlo_sim.session.time_base import TimeBase, Verdict
+from dlo_sim.session.time_base import MOST_AHEAD, TimeBase
 from dlo_sim.session.topics import DEFAULT_NAMING, MARKERS, Naming, tf_inputs
 from dlo_sim.simulation.resolution import knot_grading
 
@@ -349,21 +349,15 @@ class Session:
         offset = self._time.offset_ns
         if not found and offset == offset_before:
             return
-        verdicts = {accepted.verdict for accepted in found}
         if offset != offset_before:
             self._pacing.listen_anew()
-            if Verdict.START_OVER not in verdicts:
-                self._drive.shift_time(offset_before - offset, inputs=Verdict.DECIDE in verdicts)
+            if not any(accepted.restart for accepted in found):
+                self._drive.follow_offset(offset_before - offset)
         for accepted in found:
-            if accepted.verdict is Verdict.START_OVER:
-                self._restart("time_jump", "stamps or clock jumped; simulation reset")
-            if accepted.verdict is not Verdict.USE and offset and offset != offset_before:
-                side = "behind" if offset > 0 else "ahead of"
-                away = f"{abs(offset) * 1e-9:.6g} s {side} the clock"
-                self.journal.event("other_epoch", f"stamps are {away}; using their own time base")
+            if accepted.restart:
+                line = "stamps or clock jumped; simulation reset"
+                self._restart("time_jump" if self.started else "", line)
             for entry in accepted.entries:
-                if accepted.message is None:
-                    continue
                 self._drive.queue(entry).add(accepted.message)
                 stamp_ns, now_ns = accepted.message.stamp_ns, self._time.from_clock(clock_ns)
                 if entry.is_pose:
@@ -375,6 +369,10 @@ class Session:
                         f"{entry.topic}: stamps are {ahead:.3f} s ahead of the clock, and act "
                         "late by as much; synchronise the clocks or set inputs.time: arrival",
                     )
+        if offset and abs(offset - offset_before) > MOST_AHEAD:
+            side = "behind" if offset > 0 else "ahead of"
+            away = f"{abs(offset) * 1e-9:.6g} s {side} the clock"
+            self.journal.event("other_epoch", f"stamps are {away}; using their own time base")
 
     def _begin(self, wanted_ns: int) -> bool:
         """Place the cable if every driven end has received a pose; returns whether it is placed."""
@@ -436,7 +434,8 @@ class Session:
         self._waiting = ()
         self._pacing.clear()
         self._resuming = False
-        self.journal.event(event, detail)
+        if event:
+            self.journal.event(event, detail)
 
     def _message(self) -> str:
         if self._failure:

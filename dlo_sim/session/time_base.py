@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import NamedTuple
 
 from dlo_sim.session.cdr import Stamped
@@ -24,35 +23,23 @@ SECOND = 1_000_000_000
 MOST_AHEAD = SECOND // 2
 MOST_BEHIND = 1 * SECOND
 
-# Stamps that do not fit are believed after this time, from this many messages in a row.
-PATIENCE = 2 * SECOND // 5
+# Stamps that do not fit are believed after this time, from this many messages in a row that keep
+# their distance from the clock within _STEADY: a queue that empties changes it. It cannot be taken
+# for a jump, and _SOON is enough, if they fit the clock itself or none of their topic is used; at
+# once if they go back by more than a second.
+PATIENCE, _SOON = 2 * SECOND // 5, SECOND // 10
 AGREEMENT = 3
+_STEADY = SECOND // 20
 
 # The clock may advance by seconds at once (a stopped process, /clock); time in which no messages
 # were handled does not count as patience, so each advance counts at most this much.
 _LONGEST_WAIT = SECOND // 10
 
-# The lag of messages behind a clock that was set is constant; if it shrinks by more than this, it
-# is the lag of a queue that empties.
-_SHRUNK = SECOND // 20
-
-# A topic may show that the offset is wrong, by stamps that keep the same distance from the clock,
-# within _SHRUNK, for so long: any topic if they fit the clock itself, else one none of whose
-# messages is used, as the offset is then another topic's fault.
-_STEADY = SECOND // 10
-
 # While the clock stands still no patience is spent; at most this many messages of a topic wait.
 MOST_PENDING = 1000
+_MOST_UNDATED = 100
 
 _CURE = "synchronise the clocks or set inputs.time: arrival"
-
-
-class Verdict(Enum):
-    """Effect of a message on everything before it."""
-
-    USE = "nothing"
-    DECIDE = "it has decided the offset, until which all was dated by the clock"
-    START_OVER = "it is forgotten: the stamps or clocks have jumped"
 
 
 class Copy(Exception):
@@ -64,12 +51,13 @@ class Decision(NamedTuple):
 
     Attributes:
         message: the message, with its stamp in the time base.
-        verdict: its effect on everything before it.
+        restart: whether everything before it is forgotten, as the stamps or clocks have jumped, or
+            are of another epoch.
         refusal: why it is not used; None if it is.
     """
 
     message: Stamped
-    verdict: Verdict = Verdict.USE
+    restart: bool = False
     refusal: Refused | Copy | None = None
 
 
@@ -82,20 +70,14 @@ class _Pending(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """Consecutive messages of a topic at one distance from the clock: arrival [ns] and clock minus
-    stamp [ns] of the first, and how many they are.
+    """Consecutive messages of a topic at one distance from the clock: clock minus stamp [ns] of the
+    first, watched time [ns] of the first and of the last, and how many they are.
     """
 
-    since_ns: int
     difference_ns: int
-    number: int = 1
-
-
-class _Late(NamedTuple):
-    """The watched time [ns] since which all messages are late, and their lag [ns]."""
-
     since_ns: int
-    lag_ns: int
+    last_ns: int
+    number: int = 1
 
 
 @dataclass
@@ -110,8 +92,9 @@ class Source:
             the messages, None = nothing used. What comes late but after that can be put in order.
         run: the latest messages.
         pending: waiting messages, in the order of their stamps.
-        strays: stamps and arrivals [ns] of the latest consecutive messages that jump back.
-        uses: number of messages of all sources used when the strays began.
+        undated: the newest messages without a stamp, and their arrivals [ns], before any topic has
+            a stamp: they come again if that is of another epoch than the clock, by which they were
+            dated.
     """
 
     is_pose: bool = False
@@ -120,14 +103,12 @@ class Source:
     passed_ns: int | None = None
     run: _Run | None = None
     pending: deque[_Pending] = field(default_factory=deque)
-    strays: list[tuple[int, int]] = field(default_factory=list)
-    uses: int = 0
+    undated: deque[tuple[Stamped, int]] = field(default_factory=lambda: deque(maxlen=_MOST_UNDATED))
 
     def clear(self) -> None:
         """Forget the used messages; waiting ones are decided by those that follow."""
         self.last_ns = self.passed_ns = None
         self.seen.clear()
-        self.strays.clear()
 
     def use(self, message: Stamped) -> None:
         """Note that a message with its stamp in the time base is used."""
@@ -150,14 +131,13 @@ class Source:
         if self.passed_ns is not None and stamp_ns <= self.passed_ns:
             raise _out_of_order(self.passed_ns - stamp_ns)
 
-    def steady(self, clock_ns: int, difference_ns: int) -> bool:
-        """Note a stamped message; returns whether its topic keeps its distance from the clock."""
+    def note(self, difference_ns: int, now_ns: int) -> None:
+        """Note the distance of a stamp from the clock [ns] at this watched time [ns]."""
         run = self.run
-        if run is None or abs(difference_ns - run.difference_ns) > _SHRUNK:
-            self.run = _Run(clock_ns, difference_ns)
-            return False
-        self.run = run._replace(number=run.number + 1)
-        return run.number + 1 >= AGREEMENT and clock_ns - run.since_ns >= _STEADY
+        if run is None or abs(difference_ns - run.difference_ns) > _STEADY:
+            self.run = _Run(difference_ns, now_ns, now_ns)
+        else:
+            self.run = run._replace(last_ns=now_ns, number=run.number + 1)
 
 
 class TimeBase:
@@ -165,33 +145,22 @@ class TimeBase:
 
     Queues can only add delay: the smallest difference clock - stamp determines the epoch, and
     stamps that continue those of their topic are of the same epoch however late they arrive. With
-    d = clock - stamp, the offset o, and `last` = the last used stamp of the topic:
-
-    | message | case | decision |
-    |---|---|---|
-    | stamp 0, or mode `arrival` | after last | used at its arrival |
-    | | at the same instant, the same message again | `copy` |
-    | | at the same instant or before, else | `out_of_order` |
-    | first stamped one of all, mode `auto` | -0.5 s <= d <= 1 s: the clock's epoch | o = 0 |
-    | | else: another epoch (an old recording), delayed, or wrong | o = d |
-    | after last | -0.5 s <= d - o <= 1 s: it fits | used; if o was not 0, o = min(o, d) |
-    | | later: a delay, a slow network, a queue that overflowed | used all the same |
-    | | later, with a shrinking lag (50 ms): a queue that empties | used all the same |
-    | | later, as all messages for 0.4 s: a clock was set forward | o = d, start over |
-    | | earlier, /clock follows: the clock had stood still in a delay | waits, used |
-    | | earlier, a later message refutes it: a wrong stamp | waits, `in_future` |
-    | | earlier, more than 1000 wait: the clock stands still | the oldest `in_future` |
-    | | earlier for 0.4 s, other messages fit: one source's clock is wrong | `in_future` |
-    | | earlier for 0.4 s, nothing fits, 3 wait: a clock was set, o was wrong | o = d, start over |
-    | any, o not 0 | for 0.1 s d fits the clock itself: so o was wrong | o = 0, start over |
-    | none of the topic used | more topics, or more poses, have its epoch | o = d, start over |
-    | | later: one source's clock is wrong, or delayed | `too_old` |
-    | not after last | up to 1 s back, the same message again: a second recorder | `copy` |
-    | | up to 1 s back, the simulation has not used a later one | used in its place |
-    | | up to 1 s back, else | `out_of_order` |
-    | | further back: one source is wrong, a wrong stamp | `too_old` |
-    | | third in a row, nothing used meanwhile: a bag loops | o = d, start over |
-    | the clock goes back by more than 1 s | set back, /clock loops | start over |
+    d = clock - stamp and the offset o, a message is
+    - dated by its ARRIVAL if its stamp is 0, or in mode `arrival`;
+    - the FIRST stamped one of all: it decides o = d, as an old recording is of another epoch; what
+      was dated by the clock before is then dated again;
+    - STALE if its stamp is not after the newest used of its topic: a `copy` if it is that message
+      again, as of a second recorder; used in its place if the simulation has not used a later one;
+      else `out_of_order`, or `too_old` if it is more than 1 s back;
+    - EARLY if it is more than 0.5 s ahead: it waits for its time, as /clock may follow, but is
+      `in_future` if a later message refutes it, if others fit for 0.4 s, or if 1000 wait. Where
+      nothing fits and 3 wait, a clock has JUMPED;
+    - else used. If it is ahead and o is not 0, the first one was delayed: o = d. If it is more than
+      1 s late and none of its topic is used, the other topics' clock is another: `too_old`.
+    A clock has JUMPED, too, if the messages of a topic that do not fit keep their distance from it
+    (a queue that empties does not), and more topics heard lately speak for this d than for o: first
+    d = 0, then their number, then that of poses. Then o = d, and all starts over; as it does when
+    the clock goes back by more than 1 s.
 
     Two sources whose clocks differ by less than 0.5 s both fit. `o = d` means o = 0 if d fits the
     clock itself. In mode `stamp` o is always 0; stamps that would change it are refused.
@@ -204,7 +173,6 @@ class TimeBase:
         self._sources: list[Source] = []
         self._tick_ns: int | None = None
         self._seen_ns: int | None = None
-        self._uses = 0
         self._spent_ns = 0  # time for which the clock has been watched
         self.set_mode(mode)
 
@@ -226,10 +194,9 @@ class TimeBase:
     def start_over(self) -> None:
         """Forget all used messages; in mode auto the next stamped one decides the offset."""
         self._decided = self.mode != "auto"
-        self._fit_ns = self._spent_ns - PATIENCE
-        self._late: _Late | None = None
         for source in self._sources:
             source.clear()
+            source.undated.clear()
 
     def from_clock(self, clock_ns: int) -> int:
         """Time base [ns] at this clock time [ns]."""
@@ -269,27 +236,43 @@ class TimeBase:
             message: stamp 0 = unstamped.
             arrival_ns: clock time of its arrival [ns].
         """
+        dated = message.stamp_ns == 0 or self.mode == "arrival"
+        restart = False
+        if not (dated or self._decided):
+            restart = self._decide_first(arrival_ns - message.stamp_ns)
+        for decision in self._sort(source, message, arrival_ns, dated):
+            if decision.refusal is None and restart:
+                decision, restart = decision._replace(restart=True), False
+            yield decision
+
+    def _sort(
+        self, source: Source, message: Stamped, arrival_ns: int, dated: bool
+    ) -> Iterator[Decision]:
         yield from self.due(source, arrival_ns)
-        if message.stamp_ns == 0 or self.mode == "arrival":
-            stamp_ns = self.from_clock(arrival_ns)
-            refusal: Refused | Copy | None = None
-            message = message._replace(stamp_ns=stamp_ns)
-            if source.last_ns is not None and stamp_ns <= source.last_ns:
-                same = stamp_ns in source.seen and message == source.seen[stamp_ns]
-                refusal = Copy() if same else _at_one_instant()
-            yield Decision(message, refusal=refusal)
+        if dated:
+            if not self._decided:
+                source.undated.append((message, arrival_ns))
+            yield self._dated(source, message, arrival_ns)
             return
         try:
-            verdict = self._place(source, message, arrival_ns)
+            restart = self._place(source, message, arrival_ns)
         except (Copy, Refused) as refused:
             yield Decision(message, refusal=refused)
             return
-        if verdict is None:
+        if restart is None:
             yield from self._wait(source, _Pending(message, arrival_ns, self._spent_ns))
         else:
             yield from self.refute(source, message.stamp_ns)
-            self._uses += 1
-            yield Decision(message, verdict)
+            yield Decision(message, restart)
+
+    def _dated(self, source: Source, message: Stamped, arrival_ns: int) -> Decision:
+        """Date a message by its arrival."""
+        message = message._replace(stamp_ns=self.from_clock(arrival_ns))
+        refusal: Refused | Copy | None = None
+        if source.last_ns is not None and message.stamp_ns <= source.last_ns:
+            same = message == source.seen.get(message.stamp_ns)
+            refusal = Copy() if same else _at_one_instant()
+        return Decision(message, refusal=refusal)
 
     def _wait(self, source: Source, new: _Pending) -> Iterator[Decision]:
         """Put a message among those that wait; refuse those that it refutes."""
@@ -314,128 +297,111 @@ class TimeBase:
 
     def due(self, source: Source, clock_ns: int) -> Iterator[Decision]:
         """Decide about the messages of a topic that have waited long enough; as `sort`."""
+        while self._decided and source.undated:
+            yield self._dated(source, *source.undated.popleft())
         while source.pending:
             first = source.pending[0]
-            verdict = Verdict.USE
+            restart = False
             refusal: Refused | Copy | None = None
             ahead = first.message.stamp_ns - self.from_clock(clock_ns)
             if ahead > MOST_AHEAD:
                 if self._spent_ns - first.since_ns < PATIENCE:
                     return
-                if self.mode != "auto" or self._spent_ns - self._fit_ns < PATIENCE // 2:
+                if self.mode != "auto" or self._heard(self.offset_ns, PATIENCE // 2):
                     refusal = _in_future(ahead)
                 elif len(source.pending) < AGREEMENT:
                     return
                 else:
                     newest = source.pending[-1]
-                    verdict = self._begin_again(newest.arrival_ns - newest.message.stamp_ns)
+                    restart = self._begin_again(newest.arrival_ns - newest.message.stamp_ns)
             source.pending.popleft()
-            if refusal is None and verdict is Verdict.USE:
+            if refusal is None and not restart:
                 try:
                     source.check_free(first.message)
                 except (Copy, Refused) as refused:
                     refusal = refused
-            self._uses += refusal is None
-            yield Decision(first.message, verdict, refusal)
+            yield Decision(first.message, restart, refusal)
 
     def _refused(self, pending: _Pending) -> Decision:
         ahead = pending.message.stamp_ns - self.from_clock(pending.arrival_ns)
         return Decision(pending.message, refusal=_in_future(ahead))
 
-    def _place(self, source: Source, message: Stamped, clock_ns: int) -> Verdict | None:
-        """Apply the table to a stamped message that arrives now; None: it waits.
+    def _place(self, source: Source, message: Stamped, clock_ns: int) -> bool | None:
+        """Apply the rules to a stamped message that arrives now; returns whether all starts over,
+        None: it waits.
 
         Raises:
             Copy, Refused: it is not used.
         """
-        stamp_ns = message.stamp_ns
-        steady = source.steady(clock_ns, clock_ns - stamp_ns)
-        # Deciding the offset shifts the stamps that were dated by the clock so far.
-        renaming = 0 if self._decided else self.offset_ns - _offset(clock_ns - stamp_ns)
-        if source.last_ns is not None and stamp_ns <= source.last_ns + renaming:
-            back_ns = source.last_ns + renaming - stamp_ns
+        stamp_ns, difference_ns = message.stamp_ns, clock_ns - message.stamp_ns
+        source.note(difference_ns, self._spent_ns)
+        if self._has_jumped(source, stamp_ns):
+            return self._begin_again(difference_ns)
+        if source.last_ns is not None and stamp_ns <= source.last_ns:
+            back_ns = source.last_ns - stamp_ns
             if back_ns > MOST_BEHIND:
-                return self._place_past(source, back_ns, stamp_ns, clock_ns)
-            source.strays.clear()
+                raise _too_old(back_ns)
             source.check_free(message)
-            if not self._decided:
-                raise _out_of_order(back_ns)
-        elif not self._decided:
-            self._decide(clock_ns - stamp_ns)
-            for other in self._sources:
-                other.seen.clear()
-                if other.last_ns is not None:
-                    other.last_ns += renaming
-            return Verdict.DECIDE
-        elif steady and self._is_better(source, clock_ns - stamp_ns):
-            return self._begin_again(clock_ns - stamp_ns)
-        source.strays.clear()
-        ahead = stamp_ns - self.from_clock(clock_ns)
-        if ahead > MOST_AHEAD:
+        ahead_ns = self.offset_ns - difference_ns
+        if ahead_ns > MOST_AHEAD:
             return None
-        if ahead < -MOST_BEHIND:
-            return self._place_late(source, stamp_ns, clock_ns)
-        if self.offset_ns and ahead > 0:
-            self.offset_ns = _offset(clock_ns - stamp_ns)
-        self._note_fit()
-        return Verdict.USE
+        if ahead_ns < -MOST_BEHIND and source.last_ns is None:
+            raise _too_old(-ahead_ns, "those of other topics" if self.offset_ns else "the clock")
+        if self.offset_ns and ahead_ns > 0:
+            self.offset_ns = _offset(difference_ns)
+        return False
 
-    def _place_late(self, source: Source, stamp_ns: int, clock_ns: int) -> Verdict:
-        lag_ns = self.from_clock(clock_ns) - stamp_ns
-        if self._late is None or lag_ns < self._late.lag_ns - _SHRUNK:
-            self._late = _Late(self._spent_ns, lag_ns)
-        if self.mode == "auto" and self._spent_ns - self._late.since_ns >= PATIENCE:
-            return self._begin_again(clock_ns - stamp_ns)
-        if source.last_ns is None:
-            raise _too_old(lag_ns, "the clock" if not self.offset_ns else "those of other topics")
-        return Verdict.USE
-
-    def _is_better(self, source: Source, difference_ns: int) -> bool:
-        """Whether more speaks for the epoch of stamps with this distance from the clock than for
-        the present one: first the clock itself, then the number of topics, then that of poses.
-        The latter two count only while no message of the topic is used.
+    def _decide_first(self, difference_ns: int) -> bool:
+        """Let the first stamped message of all decide the offset; returns whether all that was
+        dated before starts over.
         """
-        offset_ns = _offset(difference_ns)
-        if self.mode != "auto" or not self.offset_ns:
+        before_ns, self.offset_ns, self._decided = self.offset_ns, _offset(difference_ns), True
+        known = any(source.last_ns is not None for source in self._sources)
+        for source in self._sources:
+            if self.offset_ns == before_ns:
+                source.undated.clear()
+            else:
+                source.clear()
+        return known and self.offset_ns != before_ns
+
+    def _heard(self, offset_ns: int, lately_ns: int) -> list[Source]:
+        """The topics that were heard within a time [ns] with stamps that fit an offset."""
+        runs = [(source, source.run) for source in self._sources]
+        return [
+            source
+            for source, run in runs
+            if run is not None
+            and self._spent_ns - run.last_ns < lately_ns
+            and _fits(run.difference_ns - offset_ns)
+        ]
+
+    def _has_jumped(self, source: Source, stamp_ns: int) -> bool:
+        """Whether more speaks for the distance of a topic's messages, of which this is the newest
+        stamp, from the clock than for o.
+        """
+        run = source.run
+        if run is None or self.mode != "auto":
             return False
-        if offset_ns and (source.last_ns is not None or _fits(difference_ns - self.offset_ns)):
+        offset_ns = _offset(run.difference_ns)
+        if _fits(run.difference_ns - self.offset_ns) and (offset_ns or not self.offset_ns):
+            return False
+        patience_ns = PATIENCE if offset_ns and source.last_ns is not None else _SOON
+        if source.last_ns is not None and stamp_ns < source.last_ns - MOST_BEHIND:
+            patience_ns = 0
+        if run.number < AGREEMENT or self._spent_ns - run.since_ns < patience_ns:
             return False
 
         def support(offset_ns: int) -> tuple[bool, int, int]:
-            runs = [(source, source.run) for source in self._sources]
-            theirs = [s for s, run in runs if run and _fits(run.difference_ns - offset_ns)]
-            return offset_ns == 0, len(theirs), sum(source.is_pose for source in theirs)
+            theirs = self._heard(offset_ns, PATIENCE)
+            return bool(theirs and not offset_ns), len(theirs), sum(s.is_pose for s in theirs)
 
         return support(offset_ns) > support(self.offset_ns)
 
-    def _place_past(self, source: Source, back_ns: int, stamp_ns: int, clock_ns: int) -> Verdict:
-        if source.strays:
-            stamp_before, clock_before = source.strays[-1]
-            passed, arrived = stamp_ns - stamp_before, clock_ns - clock_before
-            if passed <= 0 or abs(passed - arrived) > MOST_BEHIND or self._uses != source.uses:
-                source.strays.clear()
-        if not source.strays:
-            source.uses = self._uses
-        source.strays.append((stamp_ns, clock_ns))
-        fixed = self.mode != "auto" and not _fits(clock_ns - stamp_ns)
-        if len(source.strays) < AGREEMENT or fixed:
-            raise _too_old(back_ns)
-        return self._begin_again(clock_ns - stamp_ns)
-
-    def _begin_again(self, difference_ns: int) -> Verdict:
+    def _begin_again(self, difference_ns: int) -> bool:
         """Forget all used messages of all topics, and set a new offset."""
         self.start_over()
-        self._decide(difference_ns)
-        return Verdict.START_OVER
-
-    def _decide(self, difference_ns: int) -> None:
-        self._decided = True
-        self.offset_ns = _offset(difference_ns)
-        self._note_fit()
-
-    def _note_fit(self) -> None:
-        self._fit_ns = self._spent_ns
-        self._late = None
+        self._decided, self.offset_ns = True, _offset(difference_ns)
+        return True
 
 
 def _offset(difference_ns: int) -> int:

@@ -75,15 +75,6 @@ class Waiting(Generic[Message]):
         self._pending.append(message)
         self._pending.extend(reversed(newer))
 
-    def shift_time(self, delta_ns: int) -> None:
-        """Shift all stamps by delta [ns], when the offset of the time base is decided after the
-        first messages have come.
-        """
-        for k, one in enumerate(self._pending):
-            self._pending[k] = one._replace(stamp_ns=one.stamp_ns + delta_ns)
-        if self.passed_ns is not None:
-            self.passed_ns += delta_ns
-
     def next_change_ns(self) -> int | None:
         """Time base [ns] of the next known message, None = none."""
         return self._pending[0].stamp_ns if self._pending else None
@@ -123,12 +114,6 @@ class LoadSchedule(Waiting[LoadMessage]):
         """Discard all messages and the held load."""
         super().clear()
         self.held: LoadMessage | None = None
-
-    def shift_time(self, delta_ns: int) -> None:
-        """Shift all stamps by delta [ns]."""
-        super().shift_time(delta_ns)
-        if self.held is not None:
-            self.held = self.held._replace(stamp_ns=self.held.stamp_ns + delta_ns)
 
     def due(self, now_ns: int) -> Iterator[LoadMessage]:
         """Remove and yield the messages up to a time [ns], the oldest first, and hold the last."""

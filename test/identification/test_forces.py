@@ -132,7 +132,7 @@ def test_a_bag_of_a_wrench_gives_the_recording(moved, tmp_path):
     assert np.abs(found.forces - moved.forces).max() < 1e-12
     assert np.abs(found.poses["start"] - PATH).max() < 1e-9
     broken = replace(moved, forces=np.where(TIMES[:, None] < 1.0, moved.forces, np.nan))
-    with pytest.raises(MeasurementError, match="/ft: .* is no force; repair"):
+    with pytest.raises(MeasurementError, match="/ft: .* is not finite; repair"):
         read_recordings(bag_of(tmp_path / "broken", broken))
 
 

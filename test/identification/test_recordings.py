@@ -154,7 +154,7 @@ def test_pieces_keep_the_frames_that_a_start_needs(moving):
 @pytest.mark.parametrize(
     ("part", "value", "words"),
     [
-        ("start", np.nan, "/start_pose: .* is no pose; repair"),
+        ("start", np.nan, "/start_pose: .* is not finite; repair"),
         ("markers", np.inf, "/markers: inf m is no place of a marker; give"),
         ("markers", 1e9, r"/markers: 1e\+09 m is no place of a marker; give"),
     ],

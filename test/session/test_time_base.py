@@ -5,12 +5,12 @@ from collections import Counter
 import pytest
 
 from dlo_sim.session.cdr import Stamped
-from dlo_sim.session.time_base import MOST_PENDING, SECOND, Copy, TimeBase, Verdict
+from dlo_sim.session.time_base import MOST_PENDING, SECOND, Copy, TimeBase
 
 MS = SECOND // 1000
 T0 = 1000 * SECOND
 CLOCK = 1_700_000_000 * SECOND
-USE, OVER, DECIDE = Verdict.USE, Verdict.START_OVER, Verdict.DECIDE
+USE, OVER = "used", "all starts over"
 
 
 class Stream:
@@ -28,7 +28,7 @@ class Stream:
             if decision.refusal is None:
                 source.use(decision.message)
                 self.used.append(decision.message.stamp_ns)
-                outcomes.append(decision.verdict)
+                outcomes.append(OVER if decision.restart else USE)
             else:
                 copy = isinstance(decision.refusal, Copy)
                 outcomes.append("copy" if copy else decision.refusal.reason)
@@ -56,13 +56,13 @@ class Stream:
 
 def test_stamps_near_the_clock_need_no_offset():
     stream = Stream()
-    assert stream.send(100 * SECOND, 100 * SECOND + 900 * MS) == [DECIDE]
+    assert stream.send(100 * SECOND, 100 * SECOND + 900 * MS) == [USE]
     assert stream.base.from_clock(5) == 5
 
 
 def test_first_stamp_of_another_epoch_fixes_the_offset_for_good():
     stream = Stream()
-    assert stream.send(T0, CLOCK) == [DECIDE]
+    assert stream.send(T0, CLOCK) == [USE]
     assert stream.base.offset_ns == CLOCK - T0
     assert set(stream.run(T0 + 20 * MS, 5.0, CLOCK - T0)) == {USE}
     assert stream.base.from_clock(CLOCK + 7) == T0 + 7
@@ -86,7 +86,7 @@ def test_which_messages_are_placed_by_their_stamp():
         ("arrival", T0, T0 + MS),
     ):
         stream = Stream(mode)
-        assert stream.send(stamp, T0 + MS) == [DECIDE if (mode, stamp) == ("auto", T0) else USE]
+        assert stream.send(stamp, T0 + MS) == [USE]
         assert stream.used == [placed]
 
 
@@ -119,7 +119,7 @@ def test_an_offset_taken_from_a_message_that_was_held_up_is_corrected(length, ep
     shift = epoch * SECOND
     over = T0 + round(length * SECOND)
     outcomes = [stream.send(s, over + shift) for s in range(T0, over, 20 * MS)[-100:]]
-    assert outcomes == [[DECIDE]] + [[USE]] * (len(outcomes) - 1)
+    assert outcomes == [[USE]] + [[USE]] * (len(outcomes) - 1)
     assert set(stream.run(over, 2.0, shift)) == {USE}
     assert stream.base.offset_ns == shift
 
@@ -222,21 +222,26 @@ def test_while_the_clock_stands_still_few_wait():
     assert stream.tick(now + 6 * SECOND) == [USE] * MOST_PENDING
 
 
-def test_a_message_that_is_refused_decides_nothing():
-    """An unstamped and a stamped one of one topic at the same instant."""
-    stream = Stream()
-    assert stream.send(0, CLOCK) == [USE]
-    assert stream.send(T0, CLOCK) == ["out_of_order"]
-    assert stream.base.offset_ns == 0
-    assert stream.send(T0 + MS, CLOCK + MS) == [DECIDE]
+def test_what_was_dated_by_the_clock_comes_again_in_the_epoch_of_the_first_stamp():
+    """Of another topic at its next message or tick, the newest hundred."""
+    stream = Stream(sources=2)
+    for k in range(300):
+        assert stream.send(0, CLOCK + k * MS, values=(k,)) == [USE]
+    assert stream.send(T0 + SECOND, CLOCK + SECOND, source=1) == [OVER]
     assert stream.base.offset_ns == CLOCK - T0
+    assert stream.tick(CLOCK + SECOND) == [USE] * 100
+    assert stream.used[-100:] == [T0 + k * MS for k in range(200, 300)]
+    assert stream.tick(CLOCK + SECOND) == []
+    same = Stream()
+    assert same.send(0, CLOCK) == same.send(CLOCK + 1, CLOCK + MS) == [USE]
+    assert same.tick(CLOCK + MS) == []
 
 
 def test_the_clock_that_delivers_is_set_back():
     stream = Stream()
     stream.run(T0, 2.0)
     assert stream.base.watch(T0 - 8 * SECOND, tick=False) == pytest.approx(10 * SECOND, abs=20 * MS)
-    assert stream.run(T0 - 8 * SECOND, 1.0)[0] is DECIDE
+    assert set(stream.run(T0 - 8 * SECOND, 1.0)) == {USE}
     assert not stream.refused
 
 
@@ -244,7 +249,7 @@ def test_the_clock_that_delivers_is_set_back():
 def test_one_source_with_a_clock_of_its_own_is_refused(apart, reason):
     stream = Stream(sources=2)
     for stamp in range(T0, T0 + 3 * SECOND, 20 * MS):
-        assert stream.send(stamp, stamp) == [USE if stamp > T0 else DECIDE]
+        assert stream.send(stamp, stamp) == [USE]
         stream.send(stamp + apart * SECOND, stamp, source=1)
         stream.tick(stamp)
     assert stream.refused.keys() == {reason}

@@ -53,18 +53,6 @@ def test_the_sign_is_that_of_the_load():
     assert (load.force, load.torque) == ((-3.0, 0.0, 0.0), (0.0, -3.0, 0.0))
 
 
-def test_shifted_stamps_move_what_waits_and_what_is_held():
-    schedule = make()
-    for ms in (0, 10):
-        schedule.add(message(ms))
-    list(schedule.due(0))
-    schedule.shift_time(1000 * MS)
-    assert schedule.next_change_ns() == 1010 * MS
-    assert schedule.removal_ns() == 1500 * MS
-    schedule.clear()
-    assert schedule.held is None and schedule.next_change_ns() is None
-
-
 def test_a_load_acts_from_the_first_step_at_its_stamp_until_the_next():
     bench = Bench(FREE)
     for ms, fx in ((100, 1.0), (120, 2.0), (120.5, 3.0)):
