@@ -68,10 +68,11 @@ def strains_of_span(cable, b, p):
     return zero(), zero()
 
 
-@piece(void, CABLE, LINES, LINES, LINES)
-def predict_tension(cable, x0, x1, moved):
+@piece(void, CABLE, LINES, LINES, LINES, float64)
+def predict_tension(cable, x0, x1, moved, share):
     """Predict the tension for a correction `moved` of x1, the end of a step from x0, to first
-    order. With x0 = x1 at the middle of the step, `moved` counts by half.
+    order. With x0 = x1 at the middle of the step, `moved` counts by half. `share`: 1 where the
+    strain at x0 counts, too.
     """
     if not cable.terms & ANY_STRETCH:
         return
@@ -86,7 +87,7 @@ def predict_tension(cable, x0, x1, moved):
         for j in range(cable.samples):
             xi = mesh.xi[b, j]
             ta, tb = tangent_at(p, xi), tangent_at(q, xi)
-            now = (1.0 - kept) * local_strain(cable, xi, s0, ta) + local_strain(cable, xi, s1, tb)
+            now = share * local_strain(cable, xi, s0, ta) + local_strain(cable, xi, s1, tb)
             if cable.terms & SPAN_STRETCH:
                 now += rate[0] + xi * rate[1]
             else:

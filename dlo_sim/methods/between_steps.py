@@ -186,7 +186,7 @@ def stiffness(address, predicted):
 def predict(address, moved):
     """`tension.predict_tension` for a motion in lines that comes next."""
     cable = cable_at(address)
-    predict_tension(cable, cable.state.x, cable.state.x, grid(moved))
+    predict_tension(cable, cable.state.x, cable.state.x, grid(moved), 1.0)
 
 
 @piece(void, int64)

@@ -551,7 +551,8 @@ def correct(cable, known, discrete, allowed):
     stretched = may_stretch(cable, largest_entry, allowed) or cable.physics.keeps_length != 0.0
     if stretched:
         begin, end = (work.start, state.x) if discrete else (work.middle, work.middle)
-        predict_tension(cable, begin, end, work.nudge)
+        elastic = 1.0 - cable.physics.keeps_length
+        predict_tension(cable, begin, end, work.nudge, elastic)
     move(cable, 1.0)
     step, defect = work.step, 0.0
     for d in range(dim):

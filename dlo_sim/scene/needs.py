@@ -129,7 +129,6 @@ def needs_of(scene: Scene) -> Needs:
             warnings += [line for line in [_warning_of_twist(scene)] if needed and line]
         elif name == "stretch" and inextensible(scene):
             reasons[name] = "the cable keeps its rest length (terms.stretch is off)"
-            present.add(name)
         elif setting == "off":
             reasons[name] = f"terms.{name} is off"
             warnings += [_warning(term, scene)] * needed

@@ -122,7 +122,9 @@ PENALTY = 1e6  # on the strain of a cable of constant length, in its weight and 
 
 def _terms(scene: Scene, needs: Needs, curved: bool, holding: Holding) -> int:
     """Bits of the terms: those of their names, and those that several parameters decide."""
-    by_span, stretches = scene.discretization.stretch_by_span, "stretch" in needs
+    keeps_length = inextensible(scene)
+    by_span = scene.discretization.stretch_by_span or keeps_length
+    stretches = "stretch" in needs or keeps_length
     # Rolling takes the rotary inertia that quasistatic twist lacks.
     rolls = scene.may_roll and "quasistatic" not in needs
     thinning = scene.damping.thinning * scene.damping.internal[1] > 0.0
@@ -210,7 +212,9 @@ class _Filling:
             shifts[rows] = model.mass_solutions(values[rows], twist)
         fill_rows(model, values, shifts)
         self._slides()
-        self._arrays.physics.keeps_length = float(inextensible(scene))
+        if inextensible(scene):
+            self._arrays.physics.keeps_length = 1.0
+            self._arrays.physics.axial_round_off = model.axial_stiffness * scene.cable.length
         self._loads()
         self._numbers()
         if "contact" in self._needs:
