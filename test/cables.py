@@ -7,8 +7,9 @@ import numpy as np
 
 from dlo_sim.core import bspline, mass, rotations, spectrum
 from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.core.methods import METHODS
 from dlo_sim.engine.arrays import CURVED, ENERGIES
-from dlo_sim.scene.loading import scene_from_values
+from dlo_sim.scene.loading import scene_from_values, scene_values
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
@@ -17,6 +18,8 @@ from dlo_sim.simulation.geometry import geometries_of
 from dlo_sim.simulation.natural_shape import local_turn, natural_rows, turned_rows, weighted
 from dlo_sim.simulation.simulator import Simulator
 
+# Methods of the elastic cable by name.
+ELASTIC = {name: method for name, method in METHODS.items() if name != "rattle"}
 # Stretching, bending, gravity and a point load; the start is clamped along x, the end is free.
 SOFT = {
     "cable.length": 1.0,
@@ -33,15 +36,19 @@ SOFT = {
     "start.clamped": True,
     "loads.names": ["tip"],
 }
-# Everything at once: both ends driven, the start by a clamp, the end by springs; twist and torques.
+# All that every method knows: both ends driven, the start by a clamp, the end by springs; torques.
 FULL = SOFT | {
-    "terms.twist": "on",
-    "cable.rest_curvature": [0.5, -1.0, 2.0],
-    "cable.rest_curvature_axis": [0.6, 0.0, 0.8],
     "start.pose_topic": "/start_pose",
     "end.pose_topic": "/end_pose",
     "end.spring": [30.0, 20.0, 10.0],
 }
+NATURAL = {  # that only implicit methods know
+    "cable.rest_curvature": [0.5, -1.0, 2.0],
+    "cable.rest_curvature_axis": [0.6, 0.0, 0.8],
+}
+# Twist that is theta' alone, for forces: `Bench` suppresses the torsion of the centerline.
+TWISTED = {"terms.twist": "frenet", "torsion.curvature_floor": 1e5}
+BENT = FULL | NATURAL | TWISTED
 MASS_DAMPED = FULL | {"damping.mass": 0.8}
 FULLY_DAMPED = MASS_DAMPED | {"damping.stiffness": 2e-3, "damping.air_drag": 0.05}
 
@@ -116,6 +123,8 @@ class Bench:
             self.scene = self.scene.with_values(closer)
         geometries, needs = geometries_of(self.scene), needs_of(self.scene)
         self.model = build_model(self.scene, needs, geometries)
+        if TWISTED.items() <= scene_values(self.scene).items():
+            self.model.arrays.physics.torsion_floor = 1e40
         self.cable = Cable(self.model)
         self.n, self.axes = self.model.n, self.model.axes
         self.greville = bspline.greville(self.model.knots)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from cables import FULL, SOFT, Bench
+from cables import BENT, SOFT, Bench
 
 from dlo_sim.core import spectrum
 
-CLAMPS = FULL | {
+CLAMPS = BENT | {
     "end.spring": [0.0, 0.0, 0.0],
     "end.fixed": [True, True, True],
     "end.clamped": True,
@@ -14,14 +14,14 @@ CLAMPS = FULL | {
     "start.tangent": [0.6, 0.0, 0.8],
     "end.tangent": [0.0, 0.8, -0.6],
 }
-FREE = FULL | {
+FREE = BENT | {
     "start.clamped": False,
     "start.fixed": [False, False, False],
     "start.pose_topic": "",
 }
 SCENES = {
     "free, spatial": FREE,
-    "pinned": FULL | {"start.clamped": False},
+    "pinned": BENT | {"start.clamped": False},
     "planar clamp": SOFT,
     "two clamps": CLAMPS,
 }

@@ -3,7 +3,7 @@
 import elasticity
 import numpy as np
 import pytest
-from cables import BY_SPAN, FLAT, FULL, Bench, wild
+from cables import BENT, BY_SPAN, FLAT, Bench, wild
 from differences import assert_limit, central
 from numba import float64, int64, void
 
@@ -15,7 +15,7 @@ from dlo_sim.engine.assembly import discrete_gradient, discrete_jacobian
 from dlo_sim.engine.band import clear_band
 
 LOOSE = {"end.spring": [0.0, 0.0, 0.0], "end.pose_topic": "", "damping.stiffness": 1.0}
-ELASTIC = FULL | FLAT | LOOSE
+ELASTIC = BENT | FLAT | LOOSE
 STRAIGHT_AT_REST = {"cable.rest_curvature": [1e-12]}
 BETA_OVER_TAU = 0.4
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import elasticity
 import numpy as np
 import pytest
-from cables import BY_SPAN, FLAT, FULL, SOFT, Bench, inflected, rotation, straight, wild
+from cables import BENT, BY_SPAN, FLAT, SOFT, Bench, inflected, rotation, straight, wild
 from differences import assert_limit
 
 from dlo_sim.engine.arrays import SPAN_STRETCH
@@ -48,7 +48,7 @@ def oracle(bench, function, points, **changes):
 
 @pytest.fixture(scope="module", params=[4, 8], ids=["n4", "n8"])
 def bench(request):
-    return Bench(FULL, n=request.param)
+    return Bench(BENT, n=request.param)
 
 
 @pytest.mark.parametrize("mesh", MESHES)
@@ -56,7 +56,7 @@ def bench(request):
 def test_energies_and_forces_equal_the_oracle(n, mesh):
     values, more = MESHES[mesh]
     n = max(n, 5) if "span" in mesh else n
-    bench = Bench(FULL, FLAT, NO_SPRINGS, values, n=n, **more)
+    bench = Bench(BENT, FLAT, NO_SPRINGS, values, n=n, **more)
     assert bench.model.has(SPAN_STRETCH) == ("span" in mesh)
     natural = oracle(bench, elasticity.energies, straight(bench))[1]
     for seed in range(3):
@@ -79,7 +79,7 @@ def test_energies_and_forces_equal_the_oracle(n, mesh):
 @pytest.mark.parametrize("n", [5, 11, 20])
 def test_the_span_guard_equals_the_oracle(n, mesh):
     values, more = MESHES[mesh]
-    bench = Bench(FULL, FLAT, NO_SPRINGS, values, n=n, **more)
+    bench = Bench(BENT, FLAT, NO_SPRINGS, values, n=n, **more)
     for seed in range(3):
         points = wild(bench, seed, size=0.9 * bench.greville[2])
         points[:, :3] *= 0.5 if bench.model.has(SPAN_STRETCH) else 0.2
@@ -126,7 +126,7 @@ def test_each_term_alone_is_a_gradient(mesh, grading, part, shape):
         "gravity": ("gravity", [1.0, 2.0, -3.0]),
         "spring": ("end.spring", [3.0, 70.0, 5.0]),
     }[part]
-    bench, other = (Bench(FULL, mesh, one, n=8, grading=grading) for one in ({}, {key: value}))
+    bench, other = (Bench(BENT, mesh, one, n=8, grading=grading) for one in ({}, {key: value}))
     points = SHAPES[shape](bench)
     if mesh:  # short of the span guard, whose force would drown the others
         points = straight(bench) + 0.3 * (points - straight(bench))
@@ -141,7 +141,7 @@ def test_each_term_alone_is_a_gradient(mesh, grading, part, shape):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_elastic_forces_of_a_cable_have_no_resultant(shape):
     """Sum of forces and moment about the origin vanish, of a cable straight at rest."""
-    bench = Bench(FULL, FLAT, NO_SPRINGS, STRAIGHT_AT_REST, n=12, **GRADED)
+    bench = Bench(BENT, FLAT, NO_SPRINGS, STRAIGHT_AT_REST, n=12, **GRADED)
     points = SHAPES[shape](bench)
     force = bench.force(points)[:, :3]
     if shape == "straight":
@@ -155,7 +155,7 @@ def test_elastic_forces_of_a_cable_have_no_resultant(shape):
 
 
 def test_rigid_motion_of_a_bent_cable_costs_no_energy_and_turns_the_force():
-    bench = Bench(FULL, FLAT, NO_SPRINGS, STRAIGHT_AT_REST, n=12)
+    bench = Bench(BENT, FLAT, NO_SPRINGS, STRAIGHT_AT_REST, n=12)
     points = wild(bench)
     turn = rotation([0.7, -1.1, 0.4])
     moved = points.copy()
@@ -172,8 +172,8 @@ def test_rigid_motion_of_a_bent_cable_costs_no_energy_and_turns_the_force():
 @pytest.mark.parametrize("more", [{}, GRADED], ids=["uniform", "graded"])
 def test_weight_of_cable_and_end_masses(more):
     masses = {"start.mass": 0.2, "end.mass": 0.3}
-    bench = Bench(FULL, masses, {"gravity": [0.0, 3.0, -9.81]}, n=9, **more)
-    weightless = Bench(FULL, FLAT, masses, n=9, **more)
+    bench = Bench(BENT, masses, {"gravity": [0.0, 3.0, -9.81]}, n=9, **more)
+    weightless = Bench(BENT, FLAT, masses, n=9, **more)
     points = wild(bench)
     weight = bench.force(points) - weightless.force(points)
     assert np.allclose(weight.sum(axis=0), [0, 3.0 * 0.6, -9.81 * 0.6, 0], rtol=1e-11, atol=1e-12)
@@ -183,8 +183,8 @@ def test_weight_of_cable_and_end_masses(more):
 
 
 def test_springs_pull_each_end_to_its_anchor():
-    bench = Bench(FULL, n=8)
-    loose = Bench(FULL, NO_SPRINGS, n=8)
+    bench = Bench(BENT, n=8)
+    loose = Bench(BENT, NO_SPRINGS, n=8)
     points = wild(bench)
     pull = bench.force(points) - loose.force(points)
     expected = -np.array([30.0, 20.0, 10.0]) * (points[-1, :3] - [1.0, 0.0, 0.0])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cables import FULL, Bench, rotation, straight
+from cables import BENT, Bench, rotation, straight
 from numba import float64, void
 
 from dlo_sim.compiling.groups import grid
@@ -13,7 +13,7 @@ from dlo_sim.engine import grasps
 
 OFFSET = [0.02, -0.01, 0.03]
 TANGENTS = {"start": [0.6, 0.0, 0.8], "end": [0.0, 0.8, -0.6]}
-BOTH = FULL | {
+BOTH = BENT | {
     "end.spring": [0.0, 0.0, 0.0],
     "end.fixed": [True, True, True],
     "end.clamped": True,

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cables import FULL, Bench, rotation, wild
+from cables import BENT, Bench, rotation, wild
 
 from dlo_sim.core import bspline
 
@@ -12,9 +12,9 @@ FORCE, MOMENT = np.array([1.0, -2.0, 0.5]), np.array([0.3, 0.2, -0.4])
 def loaded(place, force=(0, 0, 0), moment=(0, 0, 0)):
     """A bench with a constant load, and the function that gives the load's forces alone."""
     values = {"loads.tip.position": place, "loads.tip.signal": "constant"}
-    zero = Bench(FULL, values, n=9)
+    zero = Bench(BENT, values, n=9)
     loads = {"loads.tip.force": list(force), "loads.tip.torque": list(moment)}
-    bench = Bench(FULL, values, loads, n=9)
+    bench = Bench(BENT, values, loads, n=9)
     return bench, lambda points: bench.force(points) - zero.force(points)
 
 
@@ -85,7 +85,7 @@ def test_a_sine_swings():
         "loads.tip.force": list(FORCE),
         "loads.tip.frequency": 2.0,
     }
-    bench = Bench(FULL, values, n=9)
+    bench = Bench(BENT, values, n=9)
     points = wild(bench)
     rest = bench.force(points, t=0.0)
     for t, share in ((0.125, 1.0), (0.25, 0.0), (0.375, -1.0), (1.03, np.sin(4 * np.pi * 1.03))):

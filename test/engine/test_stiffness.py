@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cables import BY_SPAN, FLAT, FULL, SOFT, Bench, inflected, rotation, straight, wild
+from cables import BENT, BY_SPAN, FLAT, SOFT, Bench, inflected, rotation, straight, wild
 from differences import assert_limit
 
 from dlo_sim.core import bspline
@@ -18,7 +18,7 @@ MOMENT = {"loads.tip.signal": "constant", "loads.tip.torque": [0.05, -0.08, 0.03
 )
 def test_stiffness_is_the_derivative_of_the_force(n, stretch, grading, shape):
     """With springs, natural curvature and a moment, which turns with the tangent."""
-    bench = Bench(FULL, stretch, MOMENT, {"loads.tip.position": 0.6}, n=n, grading=grading)
+    bench = Bench(BENT, stretch, MOMENT, {"loads.tip.position": 0.6}, n=n, grading=grading)
     points = SHAPES[shape](bench)
     if shape == "wild" and stretch:
         points = straight(bench) + 0.1 / n * (points - straight(bench))
@@ -36,7 +36,7 @@ def test_stiffness_is_the_derivative_of_the_force(n, stretch, grading, shape):
 @pytest.mark.parametrize("n", [4, 11, 12, 20])
 def test_stiffness_is_symmetric(n, rule):
     places = {"discretization.quadrature": rule[0], "discretization.samples": rule[1]}
-    bench = Bench(FULL, places, n=n)
+    bench = Bench(BENT, places, n=n)
     found = bench.stiffness(wild(bench))
     assert np.abs(found - found.T).max() < 1e-12 * np.abs(found).max()
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from cables import BY_SPAN, FLAT, FREE, FULL, SOFT, Bench, inflected, straight, wild
+from cables import BENT, BY_SPAN, FLAT, FREE, SOFT, TWISTED, Bench, inflected, straight, wild
 from elasticity import samples
 
 from dlo_sim.core import bspline
 from dlo_sim.engine.arrays import SPAN_STRETCH
 
 BETA = 3e-3
-STIFF = FULL | {"damping.mass": 1e-300, "damping.stiffness": BETA}
+STIFF = BENT | {"damping.mass": 1e-300, "damping.stiffness": BETA}
 EVEN = 0.015  # [m] short of the span guard, whose forces would have larger round-off
 PLAIN = FLAT | {"end.spring": [1e-12, 0.0, 0.0], "cable.rest_curvature": [1e-12]}
 
@@ -136,7 +136,7 @@ def test_external_damping_slows_rigid_motion_too():
 @pytest.mark.parametrize("way", ["sample", "span"])
 def test_each_strain_has_its_own_damping(way):
     """The three parts add up to damping.stiffness, and each leaves the others' motions alone."""
-    values = {"discretization.stretch": way, "terms.out_of_plane": "on", "terms.twist": "on"}
+    values = {"discretization.stretch": way, "terms.out_of_plane": "on", **TWISTED}
     cable, n = SOFT | FREE | FLAT | values | {"loads.names": []}, 9
     rng = np.random.default_rng(8)
 

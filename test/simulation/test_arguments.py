@@ -84,7 +84,7 @@ CALLS = {
         (lambda sim, x: sim.start_from_points(POINTS, None, x), "coordinates", (None,)),
     ],
     "reconfigured": [(lambda sim, x: sim.reconfigured(x), "scene", ())],
-    "record_along": [(lambda sim, x: sim.record_along(x, {}, x), "integrator.method", ())],
+    "record_along": [(lambda sim, x: sim.record_along(x, {}, [0.1]), "times", ())],
     "forecast": [(lambda sim, x: sim.forecast(x), "plan", ())],
     "correct": [
         (lambda sim, x: sim.correct(x, np.zeros((6, 3))), "shift", ()),
@@ -94,7 +94,7 @@ CALLS = {
         (lambda sim, x: sim.path(x, np.zeros((2, 7)), 2), "end", ()),
         (lambda sim, x: sim.path("start", x, 2), "poses of start", ()),
     ],
-    "follow": [(lambda sim, x: sim.follow(x, {}, x), "integrator.method", ())],
+    "follow": [(lambda sim, x: sim.follow(x, {}, [0.1]), "times", ())],
     "take": [
         (lambda sim, x: sim.take(x), "grasp", ()),
         (lambda sim, x: sim.take("hand", x), "at", (None,)),
@@ -130,7 +130,7 @@ CHECKED_BEFORE = {"check_obstacle", "keep_bends", "look_at", "replace_added", "w
 def moving():
     hand = {"grasps.names": ["hand"], "grasps.hand.taken": False}
     sim = simulator(
-        SOFT, hand, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet", step=5e-4
+        SOFT, hand, {"terms.out_of_plane": "on"}, n=6, method="energy_momentum", step=5e-4
     )
     assert sim.advance_steps(20).status.ok
     return sim
@@ -218,7 +218,7 @@ def path(sim, way=(0.0, 0.0, 0.0), turn=0.0, start=None):
 def test_a_motion_begins_now_and_where_the_end_is(wrong, cure):
     hand = {"grasps.names": ["hand"], "grasps.hand.taken": False}
     sim = simulator(
-        SOFT, hand, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet", step=5e-4
+        SOFT, hand, {"terms.out_of_plane": "on"}, n=6, method="energy_momentum", step=5e-4
     )
     sim.advance_steps(20)
     before = everything(sim)
@@ -234,7 +234,7 @@ def test_a_motion_may_be_up_to_a_step_late_and_follow_another():
     """As where a step does not divide the times between motions."""
     hand = {"grasps.names": ["hand"], "grasps.hand.taken": False}
     sim = simulator(
-        SOFT, hand, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet", step=5e-4
+        SOFT, hand, {"terms.out_of_plane": "on"}, n=6, method="energy_momentum", step=5e-4
     )
     first = path(sim)
     sim.set_motion("start", first)
@@ -248,7 +248,7 @@ def test_a_motion_may_be_up_to_a_step_late_and_follow_another():
 def test_a_start_that_moves_held_points_warns(recwarn):
     hand = {"grasps.names": ["hand"], "grasps.hand.taken": False}
     sim = simulator(
-        SOFT, hand, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet", step=5e-4
+        SOFT, hand, {"terms.out_of_plane": "on"}, n=6, method="energy_momentum", step=5e-4
     )
     points = sim.control_points
     points[3, 2] += 0.01

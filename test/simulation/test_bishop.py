@@ -160,10 +160,9 @@ def test_a_shape_that_twists_slowly_hardly_knows_inertia():
     np.testing.assert_allclose(shapes[0][:, 3], shapes[1][:, 3], atol=1e-2)
 
 
-@pytest.mark.parametrize("method", ["velocity_verlet", "rattle"])
-def test_quasistatic_twist_needs_an_implicit_method(method):
+def test_quasistatic_twist_needs_an_implicit_method():
     with pytest.raises(SceneError, match="terms.twist quasistatic; use energy_momentum"):
-        held(method, 0.0, terms__twist="quasistatic", damping__stiffness=0.0)
+        held("velocity_verlet", 0.0, terms__twist="quasistatic", damping__stiffness=0.0)
 
 
 def ring(n=33):
@@ -262,17 +261,8 @@ def test_shapes_without_curvature_give_no_jump():
     assert np.abs(np.diff(angles, axis=0)).max() < 0.3
 
 
-@pytest.mark.parametrize(
-    ("method", "step", "close"),
-    [
-        ("velocity_verlet", 2e-4, 3e-4),
-        ("rk4", 2e-4, 3e-4),
-        ("zhai", 2e-4, 3e-4),
-        ("implicit_midpoint", 2e-3, 3e-4),
-        ("energy_momentum", 2e-3, 3e-4),
-    ],
-)
-def test_methods_agree(method, step, close):
+@pytest.mark.parametrize("method", ["implicit_midpoint", "energy_momentum"])
+def test_methods_agree(method):
     def moved(method, step):
         slack = {key.replace(".", "__"): value for key, value in SLACK.items()}
         sim = held(method, step, **slack, damping__stiffness=0.0)
@@ -280,9 +270,9 @@ def test_methods_agree(method, step, close):
         sim.advance(0.4)
         return sim
 
-    sim, reference = moved(method, step), moved("energy_momentum", 5e-4)
+    sim, reference = moved(method, 2e-3), moved("energy_momentum", 5e-4)
     np.testing.assert_allclose(
-        sim.control_points[:, :3], reference.control_points[:, :3], atol=close
+        sim.control_points[:, :3], reference.control_points[:, :3], atol=3e-4
     )
     assert sim.energy_error < 1e-2
     assert np.abs(reference.control_points[-1, 3]) > 0.5
@@ -360,21 +350,6 @@ def test_restored_it_goes_on_with_the_same_bits():
 def test_the_first_shape_has_no_twist():
     """An equilibrium out of a plane is found as without the coupling."""
     slack = {key.replace(".", "__"): value for key, value in SLACK.items()}
-    sim, plain = (held(**slack, terms__twist=value) for value in ("bishop", "on"))
+    sim, plain = (held(**slack, terms__twist=value) for value in ("bishop", "off"))
     np.testing.assert_allclose(sim.control_points, plain.control_points, atol=1e-9)
     assert sim.energy().twist < 1e-12
-
-
-def test_it_goes_on_where_terms_come_in():
-    """A load that comes in rebuilds the arrays; the twist stays what it was."""
-    slack = {key.replace(".", "__"): value for key, value in SLACK.items()}
-    sims = [held(**slack, step=0.005) for _ in range(2)]
-    for sim in sims:
-        turn(sim, "end", [3.0, 1.0, -0.5], 1.0)
-        sim.advance(1.5)
-    sims[1]._activate(sims[1]._needs, sims[1]._geometries)
-    before, after = (sim.energy().twist for sim in sims)
-    assert after == pytest.approx(before, rel=2e-3)
-    for sim in sims:
-        sim.advance(0.5)
-    np.testing.assert_allclose(sims[1].control_points, sims[0].control_points, atol=2e-3)

@@ -226,7 +226,6 @@ GUIDED = {
     **{"start.fixed": [True, True, False], "end.fixed": [True, True, False]},
     **{"start.clamped": False, "end.clamped": False},
 }
-RATTLE = {"integrator.method": "rattle", "damping.stiffness": 0.0}
 REFUSED = {
     "free": (NOTHING_HELD, "z, where .* pull with -0.319 N", [{"initial.shape": "straight"}]),
     "guided": (
@@ -238,16 +237,7 @@ REFUSED = {
             {"end.fixed": [True, True, True]},
         ],
     ),
-    "free, rattle": (NOTHING_HELD | RATTLE, "along z", [{"initial.shape": "straight"}]),
     "no stretch": ({"terms.stretch": "off"}, "stretching", [{"terms.stretch": "auto"}]),
-    "taut, rattle": (
-        RATTLE | {"end.position": [0.9999, 0.0, 0.5], "discretization.control_points": 13},
-        "1 m, which does not fit between its ends, 0.9999 m apart",
-        [
-            {"end.position": [0.99, 0.0, 0.5]},
-            {"integrator.method": "energy_momentum", "terms.stretch": "auto"},
-        ],
-    ),
     "frenet": (
         {"terms.twist": "frenet", "integrator.method": "rk4", "damping.stiffness": 0.0},
         "frenet; use straight",

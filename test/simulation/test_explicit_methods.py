@@ -6,19 +6,18 @@ from functools import cache
 
 import numpy as np
 import pytest
+from cables import ELASTIC
 
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, METHODS
+from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.simulator import Simulator
 
-# An inextensible cable is another cable: its order, limit and energy are in test_rattle.py.
-EXPLICIT = [m.name for m in METHODS.values() if m.family not in (IMPLICIT, CONSTRAINED)]
+EXPLICIT = [name for name, method in ELASTIC.items() if method.family != IMPLICIT]
 
-# A soft strip, clamped at a moving gripper, with a swinging force at its free end. Twist that acts
-# on the shape is followed once per step, whatever the order of the method.
+# A soft strip, clamped at a moving gripper, with a swinging force and moment at its free end.
 NONLINEAR = {
     "cable.length": 0.5,
     "cable.diameter": 0.02,
@@ -33,7 +32,8 @@ NONLINEAR = {
     "loads.tip.force": [0.0, 0.6, 0.2],
     "loads.tip.torque": [0.0, 0.01, 0.0],
     "loads.tip.frequency": 4.0,
-    "terms.twist": "on",
+    "terms.twist": "off",
+    "terms.out_of_plane": "on",
 }
 DURATION = 0.08  # [s]
 
@@ -81,17 +81,17 @@ def reference(method: str, alpha: float) -> np.ndarray:
         (name, alpha)
         for name in EXPLICIT
         for alpha in (0.0, 6.0)
-        if METHODS[name].mass_damping or not alpha
+        if ELASTIC[name].mass_damping or not alpha
     ],
 )
 def test_order_with_moved_end_load_and_damping(method: str, alpha: float) -> None:
-    steps = (400, 566, 800, 1131) if METHODS[method].order == 4 else (400, 800, 1600, 3200)
+    steps = (400, 566, 800, 1131) if ELASTIC[method].order == 4 else (400, 800, 1600, 3200)
     errors = np.array(
         [np.abs(end_state(method, n, alpha) - reference(method, alpha)).max() for n in steps]
     )
     slopes = -np.diff(np.log(errors)) / np.diff(np.log(steps))
-    assert np.abs(slopes - METHODS[method].order).max() < 0.2
-    assert errors[0] < {2: 1e-6, 4: 4e-9}[METHODS[method].order]  # [m], of a motion of some 5 cm
+    assert np.abs(slopes - ELASTIC[method].order).max() < 0.2
+    assert errors[0] < {2: 1e-6, 4: 4e-9}[ELASTIC[method].order]  # [m], of a motion of some 5 cm
 
 
 def pulled_wire(method: str, share: float) -> Simulator:
@@ -135,7 +135,7 @@ def test_a_step_beyond_the_limit_is_refused(method: str) -> None:
         Simulator(scene(integrator__method=method, integrator__step=1.01 * limit))
 
 
-@pytest.mark.parametrize("method", [*EXPLICIT, "rattle"])
+@pytest.mark.parametrize("method", EXPLICIT)
 def test_pieces_and_snapshots_give_the_same_bits(method: str) -> None:
     def simulator() -> Simulator:
         simulator = Simulator(scene(integrator__method=method, integrator__step=DURATION / 800))
@@ -164,7 +164,7 @@ def test_pieces_and_snapshots_give_the_same_bits(method: str) -> None:
 
 @pytest.mark.parametrize("method", EXPLICIT)
 def test_energy_account_closes_with_load_gripper_and_damping(method: str) -> None:
-    alpha = 6.0 if METHODS[method].mass_damping else 0.0
+    alpha = 6.0 if ELASTIC[method].mass_damping else 0.0
     errors = []
     for steps in (400, 800):
         simulator = Simulator(
@@ -194,17 +194,10 @@ def test_zhai_with_one_half_walks_in_the_steps_of_verlet() -> None:
     assert np.abs(tracks[0][1] - tracks[1][1]).max() > 1e-6  # its velocities are others
 
 
-def test_zhai_parameters_of_the_scene_are_used() -> None:
-    other = Simulator(scene(integrator__method="zhai", integrator__zhai_psi=0.6))
-    assert other.choice.limit < Simulator(scene(integrator__method="zhai")).choice.limit
-    with pytest.raises(SceneError, match="integrator.zhai_phi: no step is stable"):
-        Simulator(scene(integrator__method="zhai", integrator__zhai_psi=0.2))
-
-
 def test_force_evaluations_per_step() -> None:
     for method in EXPLICIT:
         simulator = Simulator(scene(integrator__method=method))
         report = simulator.advance_steps(1000)
-        per_step = METHODS[method].force_evaluations
+        per_step = ELASTIC[method].force_evaluations
         # One more for each of the parts in which a straight cable is looked at until it is bent.
         assert per_step * 1000 <= report.force_evaluations <= per_step * 1000 + 4

@@ -152,11 +152,3 @@ def test_knots_fit_the_method_that_is_chosen(stiffness):
     sim = Simulator(scene_of(HANGING, changes, n=13))
     graded = np.ptp(np.diff(bspline.breaks(sim.model.knots))) > 1e-3
     assert graded == (sim.choice.method.family == IMPLICIT)
-
-
-def test_an_inextensible_cable_is_placed_on_its_own_knots():
-    """Its first shape comes from an elastic cable, whose method alone would have graded knots."""
-    slack = {"terms.stretch": "off", "damping.stiffness": 0.0, "initial.shape": "equilibrium"}
-    bend = {"cable.bending_stiffness": 0.06 * 9.81 * 0.01**2, "end.position": [0.5, 0.0, 0.0]}
-    sim = Simulator(scene_of(HANGING, HELD, slack, bend, n=17))
-    assert sim.method == "rattle"

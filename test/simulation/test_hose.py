@@ -39,9 +39,8 @@ def test_a_free_hose_lengthens_until_its_wall_bears_the_pressure():
     assert sim.energy_error < 1e-8
 
 
-@pytest.mark.parametrize("method", ["energy_momentum", "velocity_verlet"])
-def test_a_held_hose_pushes_its_ends_apart(method):
-    sim = simulator(HOSE, HELD, method=method, step=2e-5)
+def test_a_held_hose_pushes_its_ends_apart():
+    sim = simulator(HOSE, HELD, method="energy_momentum", step=2e-5)
     for _ in range(2):
         for end, sign in (("start", 1.0), ("end", -1.0)):
             force, _ = sim.reaction(end)

@@ -47,11 +47,9 @@ def test_the_arms_beside_a_jaw_sag_as_cantilevers_of_what_is_free():
     assert start[1, 2] == pytest.approx(sag(1.0 - JAW), rel=0.02)
 
 
-@pytest.mark.parametrize("method", ["energy_momentum", "velocity_verlet"])
-def test_a_jaw_that_closes_moves_nothing_then_straightens_and_keeps_the_account(method):
+def test_a_jaw_that_closes_moves_nothing_then_straightens_and_keeps_the_account():
     later = {**CLAMP, "grasps.hand.jaw": 0.2, "grasps.hand.taken": False, "damping.mass": 2.0}
-    later |= {"start.fixed": [True] * 3, "integrator.method": method}
-    later |= {"integrator.step": 0.0} if method == "velocity_verlet" else {}
+    later |= {"start.fixed": [True] * 3}
     sim = simulator(ROD, MIDDLE, later)
     before, u = sim.control_points, np.array([0.4, 0.5, 0.6])
     bent = np.ptp(np.diff(sim.centerline(u)[:, 2]))
@@ -59,20 +57,10 @@ def test_a_jaw_that_closes_moves_nothing_then_straightens_and_keeps_the_account(
     assert np.array_equal(sim.control_points, before)
     assert sim.advance(1.0).status.ok
     assert np.ptp(np.diff(sim.centerline(u)[:, 2])) < 0.4 * bent
-    assert sim.energy_error < (1e-6 if method == "energy_momentum" else 5e-3)
+    assert sim.energy_error < 1e-6
     sim.release("hand")
     assert sim.advance(1.0).status.ok
     assert sim.control_points == pytest.approx(before, abs=0.02)
-
-
-def test_an_explicit_step_is_chosen_for_a_jaw_to_come():
-    stiff = {"cable.bending_stiffness": 1.0, "grasps.hand.jaw": 0.2, "initial.shape": "straight"}
-    stiff |= {"integrator.method": "velocity_verlet", "integrator.step": 0.0, "grasps.hand.at": 0.9}
-    stiff |= {"start.fixed": [True] * 3, "grasps.hand.position": [0.9, 0.0, 0.0]}
-    idle, taken = (
-        simulator(ROD, MIDDLE, CLAMP, stiff, {"grasps.hand.taken": held}) for held in (False, True)
-    )
-    assert 0.2 * taken.step < idle.step <= taken.step
 
 
 def test_a_jaw_needs_a_clamp():

@@ -65,14 +65,11 @@ def helix(curvature, torsion, count=201, parts=100):
     return np.array(points)
 
 
-@pytest.mark.parametrize("method, step", [("energy_momentum", 0.004), ("velocity_verlet", 0.0)])
-def test_a_rod_of_constant_curvature_and_twist_relaxes_to_its_helix(method, step):
+def test_a_rod_of_constant_curvature_and_twist_relaxes_to_its_helix():
     """Curvature kappa and rest twist tau in the material frame: radius kappa / (kappa^2 + tau^2),
     pitch 2 pi tau / (kappa^2 + tau^2)."""
     values = {"cable__rest_curvature": [4.0], "cable__rest_twist": [3.0], "damping__mass": 2.5}
-    if method == "energy_momentum":
-        values["damping__stiffness"] = 2e-3
-    sim = bent(method, step, **values)
+    sim = bent(**values, damping__stiffness=2e-3)
     assert sim.advance(20.0).status.ok
     u = np.linspace(0.0, LENGTH, 201)
     assert np.abs(sim.centerline(u) - helix(4.0, 3.0)).max() < 2e-4
@@ -106,15 +103,6 @@ def test_a_shape_given_from_outside_has_the_natural_shape_along_it():
     other = bent(**BENT)
     other.start_from(sim.control_points)
     assert other.energy().bend == pytest.approx(sim.energy().bend, rel=0.02)
-
-
-def test_an_inextensible_cable_between_grippers_begins_at_rest():
-    values = {"end__fixed": [True] * 3, "end__clamped": True, "end__position": [0.8, 0.0, 0.0]}
-    sim = bent("rattle", 0.0, **values, gravity=[0.0, 0.0, -9.81], initial__shape="auto",
-               cable__rest_curvature=[1.0])  # fmt: skip
-    before = sim.control_points
-    assert sim.advance(0.2).status.ok
-    assert np.abs(sim.control_points - before)[:, :3].max() < 5e-3
 
 
 def test_an_axis_along_the_cable_is_refused():
@@ -166,10 +154,9 @@ def rolled(method, step):
     return sim
 
 
-@pytest.mark.parametrize("method, step", [("energy_momentum", 0.004), ("velocity_verlet", 0.0),
-                                          ("implicit_midpoint", 0.002)])  # fmt: skip
-def test_methods_agree_on_a_cable_whose_gripper_rolls(method, step):
-    ways = rolled(method, step).control_points - rolled("rk4", 1e-4).control_points
+def test_methods_agree_on_a_cable_whose_gripper_rolls():
+    one, other = rolled("energy_momentum", 0.004), rolled("implicit_midpoint", 0.002)
+    ways = one.control_points - other.control_points
     assert np.abs(ways[:, :3]).max() < 3e-5
     assert np.abs(ways[:, 3]).max() < 1e-2
 
@@ -232,19 +219,8 @@ def test_a_natural_shape_that_is_changed_takes_effect():
         assert other.curvature([0.3, 0.6]) == pytest.approx(2.0, rel=1e-3)
 
 
-@pytest.mark.parametrize("method", ["velocity_verlet", "rk4", "zhai", "forest_ruth", "rattle"])
-def test_steps_one_by_one_have_the_bits_of_one_call(method):
-    values = BENT if method != "rattle" else {}
-    one, other = (bent(method, 5e-5, **values, cable__rest_twist=[5.0, -3.0]) for _ in range(2))
-    one.advance_steps(40)
-    for _ in range(40):
-        other.advance_steps(1)
-    assert np.array_equal(one.control_points, other.control_points)
-
-
-@pytest.mark.parametrize("method", ["energy_momentum", "velocity_verlet", "rk4", "zhai"])
-def test_a_copy_in_another_process_goes_on_with_the_same_bits(method):
-    sim = bent(method, 5e-5, **BENT)
+def test_a_copy_in_another_process_goes_on_with_the_same_bits():
+    sim = bent(**BENT)
     sim.advance_steps(20)
     copy = pickle.loads(pickle.dumps(sim))
     for one in (sim, copy):
@@ -254,4 +230,4 @@ def test_a_copy_in_another_process_goes_on_with_the_same_bits(method):
 
 def test_rest_twist_needs_a_twist_that_acts():
     with pytest.raises(SceneError, match="cable.rest_twist: .* needs .* terms.twist to auto"):
-        bent(terms__twist="on", cable__rest_twist=[1.0])
+        bent(terms__twist="off", cable__rest_twist=[1.0])

@@ -234,7 +234,6 @@ def test_a_guide_can_begin_where_something_else_holds() -> None:
         ("grasps.guide.roll", True, "roll"),
         ("grasps.guide.fixed", [True, True, False], "fixed"),
         ("integrator.method", "velocity_verlet", "energy_momentum"),
-        ("integrator.method", "rattle", "energy_momentum"),
     ],
 )
 def test_what_does_not_go_with_sliding_is_refused(key: str, value: object, cure: str) -> None:

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from cables import FULL, FULLY_DAMPED, SINE_LOAD, SOFT, scene_of, set_state, simulator
+from cables import ELASTIC, FULL, FULLY_DAMPED, SINE_LOAD, SOFT, scene_of, set_state, simulator
 
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.simulator import Simulator
@@ -22,7 +21,7 @@ CLAMP = EndMotion(
     angular_velocity=[2.0, 0.5, 0],
     angular_acceleration=[60.0, 0.0, 8.0],
 )
-NAMES = [name for name in METHODS if name != "rattle"]
+NAMES = list(ELASTIC)
 CASES = [(name, FULL) for name in NAMES] + [("energy_momentum", FULLY_DAMPED)]
 IDS = [*NAMES, "damped"]
 
@@ -316,7 +315,6 @@ def test_newtons_method_finds_its_way_back_from_too_far():
             "integrator.method": "energy_momentum",
             "integrator.step": 0.02,
             "discretization.control_points": 9,
-            "terms.twist": "on",
         }
     )
     iterations = 0

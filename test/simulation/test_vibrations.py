@@ -76,7 +76,7 @@ def test_torsional_waves():
     """Wave speed sqrt(GJ / I), I = mu D^2 / 8: quarter waves from the clamp to the free end."""
     errors = []
     for n in (5, 7, 11):
-        bench = Bench(FULL, FLAT, n=n)
+        bench = Bench(FULL, FLAT, {"terms.twist": "frenet"}, n=n)
         points = straight(bench)
         stiffness = np.zeros((n, n))
         for i in range(n):
@@ -154,8 +154,8 @@ def test_a_run_rings_at_the_natural_frequency(axis, exact):
 
 
 def test_a_run_twists_at_the_natural_frequency():
-    values = {"cable.rest_curvature": [1e-12], "end.spring": [1e-12, 0, 0]}
-    frequency, decay, exact = ringing(values, 3, "velocity_verlet", 2e-5, 12, scene=FULL)
+    values = {"end.spring": [1e-12, 0, 0], "terms.twist": "bishop"}
+    frequency, decay, exact = ringing(values, 3, "energy_momentum", 4e-5, 12, scene=FULL)
     assert frequency == pytest.approx(exact, rel=5e-5)
     assert abs(decay) < 1e-6
 
@@ -165,7 +165,6 @@ def test_a_run_twists_at_the_natural_frequency():
     [
         ({"damping.mass": 0.15}, "velocity_verlet"),
         ({"damping.mass": 0.15, "damping.stiffness": 1e-300}, "energy_momentum"),
-        ({"damping.air_drag": 0.015}, "velocity_verlet"),
         ({"damping.air_drag": 0.015, "damping.stiffness": 1e-300}, "energy_momentum"),
         ({"damping.mass": 1e-300, "damping.stiffness": 0.05}, "energy_momentum"),
         ({"damping.mass": 1e-300, "damping.stiffness": 0.05}, "implicit_midpoint"),

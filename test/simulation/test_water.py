@@ -95,7 +95,7 @@ def test_explicit_methods_refuse_water():
 
 def test_no_water_no_drag():
     values = {"water.density": 0.0, "water.velocity": [1.0, 0.0, 0.0]}
-    assert "damping" in simulator(CABLE, values, method="velocity_verlet", step=1e-5).left_out
+    assert "damping" in simulator(CABLE, values, step=1e-3).left_out
 
 
 def in_water(depth, radius):
