@@ -316,3 +316,11 @@ def rotation(vector):
     x, y, z = vector / angle
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def move(sim, end, duration, **rates):
+    """Let an end effector or obstacle move from where it is for so long [s], with velocity,
+    acceleration, angular_velocity and angular_acceleration."""
+    place = dict(zip(("position", "orientation"), sim.end_pose(end), strict=True))
+    start = getattr(sim, "simulator", sim).time  # of an error estimate
+    sim.set_motion(end, EndMotion(start=start, duration=duration, **place, **rates))

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from cables import FULL, SOFT, Bench, simulator
+from cables import FULL, SOFT, Bench
 
 from dlo_sim.engine.arrays import GUARDED
 from dlo_sim.simulation.arrays import from_blocks, to_blocks
@@ -93,14 +93,3 @@ def test_blocks_hold_the_values_of_spans_in_their_lanes(spans):
     assert (blocks[0, 2, 1, 0], blocks[-1, 2, 1, (spans - 1) % 8]) == tuple(values[[0, -1], 2, 1])
     assert (blocks == 5.0).sum() == 12 * (-spans % 8)
     assert np.array_equal(from_blocks(blocks, spans), values)
-
-
-def test_what_becomes_active_changes_shapes_and_not_the_memory():
-    """A push out of the plane makes no other arrays: state and inputs stay where they are."""
-    taut = {"loads.names": [], "start.clamped": False, "end.fixed": [True] * 3}
-    sim = simulator(SOFT, taut, {"terms.twist": "auto"})
-    cable, state, inputs = sim.cable, sim.cable.state, sim.cable.inputs
-    assert len(cable.x) == 2
-    sim.set_end("start", position=[0.0, 0.1, 0.0])
-    assert sim.cable is cable and cable.state is state and cable.inputs is inputs
-    assert np.shares_memory(cable.x, state) and len(cable.x) == 3

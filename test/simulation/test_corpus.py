@@ -16,6 +16,7 @@ from dlo_sim.core.methods import METHODS
 from dlo_sim.simulation.report import Report, Status
 from dlo_sim.simulation.simulator import Simulator
 
+pytestmark = pytest.mark.slow
 SEEDS = range(24)
 # Three kinds and three families of methods here, all from the command line.
 FEW = ("velocity_verlet", "forest_ruth", "energy_momentum")

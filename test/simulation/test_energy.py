@@ -17,10 +17,8 @@ from cables import (
     set_state,
     simulator,
 )
-from judge import last_reaction
 
 from dlo_sim.core import mass
-from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT, METHODS
 
 ODD = 7  # steps between two looks, no divisor of anything
@@ -124,42 +122,6 @@ def test_account_closes_with_a_moved_spring(name):
     coarse, fine = (account_error(name, "undamped", steps, "end") for steps in (400, 1600))
     assert coarse < 2e-2
     assert fine < coarse / 12 or fine < 1e-6
-
-
-@pytest.mark.parametrize("name", ["velocity_verlet", "energy_momentum"])
-def test_account_against_works_computed_from_outside(name):
-    """Force times way of a constant load, reaction times way of the clamp, without the account."""
-    load = {"loads.tip.signal": "constant", "loads.tip.force": [0.3, 0.5, -0.4]}
-    sim = simulator(SOFT, load, {"terms.out_of_plane": "on"}, n=6, method=name, step=1e-4)
-    slide = EndMotion(
-        start=0.0,
-        duration=0.2,
-        position=[0, 0, 0],
-        orientation=[0, 0, 0, 1],
-        velocity=[0.1, -0.3, 0.2],
-        acceleration=[6.0, 4.0, -8.0],
-    )
-    sim.set_motion("start", slide)
-    sim.advance_steps(1)
-    before, work = sim.energy().total, 0.0
-    tip, place, force = (
-        sim.control_points[-1, :3],
-        sim.end_pose("start")[0],
-        last_reaction(sim, "start"),
-    )
-    for _ in range(1500):
-        sim.advance_steps(1)
-        new_tip, new_place, new_force = (
-            sim.control_points[-1, :3],
-            sim.end_pose("start")[0],
-            last_reaction(sim, "start"),
-        )
-        work += np.array([0.3, 0.5, -0.4]) @ (new_tip - tip)
-        work += 0.5 * (force + new_force) @ (new_place - place)
-        tip, place, force = new_tip, new_place, new_force
-    change = sim.energy().total - before
-    assert abs(change) > 0.05
-    assert work == pytest.approx(change, rel=2e-4)
 
 
 # ------------------------------------------------------------------------------------ free flight

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
-from cables import ELASTIC
+from cables import ELASTIC, move
 
-from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.loading import SceneError, scene_from_values
+from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.simulator import Simulator
 
@@ -44,54 +41,15 @@ def scene(**values: object) -> Scene:
 
 def swing(simulator: Simulator) -> None:
     """Move and turn the gripper through the whole run."""
-    simulator.set_motion(
+    move(
+        simulator,
         "start",
-        EndMotion(
-            start=0.0,
-            duration=DURATION,
-            position=[0.0, 0.0, 0.0],
-            orientation=[0.0, 0.0, 0.0, 1.0],
-            velocity=[0.1, -0.2, 0.3],
-            acceleration=[2.0, 4.0, -2.0],
-            angular_velocity=[0.0, 1.5, 2.0],
-            angular_acceleration=[6.0, 0.0, -16.0],
-        ),
+        DURATION,
+        velocity=[0.1, -0.2, 0.3],
+        acceleration=[2.0, 4.0, -2.0],
+        angular_velocity=[0.0, 1.5, 2.0],
+        angular_acceleration=[6.0, 0.0, -16.0],
     )
-
-
-def end_state(method: str, steps: int, alpha: float = 0.0) -> np.ndarray:
-    simulator = Simulator(
-        scene(integrator__method=method, integrator__step=DURATION / steps, damping__mass=alpha)
-    )
-    swing(simulator)
-    report = simulator.advance_steps(steps)
-    assert report.status is Status.OK
-    return simulator.control_points[:, :3]
-
-
-@cache
-def reference(method: str, alpha: float) -> np.ndarray:
-    """The same motion at a much finer step, by another method of order four."""
-    return end_state("forest_ruth" if method == "rk4" and not alpha else "rk4", 6400, alpha)
-
-
-@pytest.mark.parametrize(
-    ("method", "alpha"),
-    [
-        (name, alpha)
-        for name in EXPLICIT
-        for alpha in (0.0, 6.0)
-        if ELASTIC[name].mass_damping or not alpha
-    ],
-)
-def test_order_with_moved_end_load_and_damping(method: str, alpha: float) -> None:
-    steps = (400, 566, 800, 1131) if ELASTIC[method].order == 4 else (400, 800, 1600, 3200)
-    errors = np.array(
-        [np.abs(end_state(method, n, alpha) - reference(method, alpha)).max() for n in steps]
-    )
-    slopes = -np.diff(np.log(errors)) / np.diff(np.log(steps))
-    assert np.abs(slopes - ELASTIC[method].order).max() < 0.2
-    assert errors[0] < {2: 1e-6, 4: 4e-9}[ELASTIC[method].order]  # [m], of a motion of some 5 cm
 
 
 def pulled_wire(method: str, share: float) -> Simulator:
@@ -126,40 +84,6 @@ def test_stability_limit_of_a_cable(method: str) -> None:
     report = above.advance_steps(20_000)
     assert report.status is Status.DIVERGED
     assert np.isfinite(above.control_points).all()
-
-
-@pytest.mark.parametrize("method", EXPLICIT)
-def test_a_step_beyond_the_limit_is_refused(method: str) -> None:
-    limit = Simulator(scene(integrator__method=method)).choice.limit
-    with pytest.raises(SceneError, match="integrator.step"):
-        Simulator(scene(integrator__method=method, integrator__step=1.01 * limit))
-
-
-@pytest.mark.parametrize("method", EXPLICIT)
-def test_pieces_and_snapshots_give_the_same_bits(method: str) -> None:
-    def simulator() -> Simulator:
-        simulator = Simulator(scene(integrator__method=method, integrator__step=DURATION / 800))
-        swing(simulator)
-        return simulator
-
-    whole, pieces = simulator(), simulator()
-    whole.advance_steps(157)
-    saved = None
-    for count in (1, 15, 1, 40, 100):
-        if count == 40:
-            saved = pieces.snapshot()
-        pieces.advance_steps(count)
-    assert saved is not None
-    assert np.array_equal(whole.control_points, pieces.control_points)
-    assert np.array_equal(whole.velocities, pieces.velocities)
-    assert whole.energy_error == pieces.energy_error
-    pieces.restore(saved)
-    pieces.advance_steps(140)
-    assert np.array_equal(whole.control_points, pieces.control_points)
-    pieces.reset()
-    swing(pieces)
-    pieces.advance_steps(157)
-    assert np.array_equal(whole.control_points, pieces.control_points)
 
 
 @pytest.mark.parametrize("method", EXPLICIT)

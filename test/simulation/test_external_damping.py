@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from cables import ELASTIC, FLAT, FREE, FULL, SOFT, scene_of, set_state, simulator
 
-from dlo_sim.batch import simulate_batch
-from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.selection import choose
 
 DRAG = 0.05  # [N s/m^2], 0.5 1/s of the cable's 0.1 kg/m
@@ -51,28 +49,6 @@ def test_mass_damping_slows_both(method):
     assert way == pytest.approx(np.full((6, 3), np.exp(-(ALPHA + DRAG / 0.1) * sim.time)), rel=1e-6)
     assert spin == pytest.approx(np.full(6, spins * np.exp(-ALPHA * sim.time)), rel=1e-6)
     assert sim.energy_error < 1e-6
-
-
-def test_drag_slows_the_scenes_of_a_batch_alike():
-    """Cables that fall: their speed against the closed form."""
-    values = SOFT | FREE | {"gravity": [0.0, 0.0, -2.0], "loads.names": []}
-    drags = [0.0, 0.02, 0.05]
-    scenes = [
-        scene_of(
-            values,
-            {"damping.air_drag": c, "damping.mass": 1e-9},
-            method="energy_momentum",
-            step=STEP,
-        )
-        for c in drags
-    ]
-    batch = simulate_batch(scenes, 0.2, processes=1)
-    assert batch.ok
-    for k, drag in enumerate(drags):
-        rate = drag / 0.1 + 1e-9
-        fall = -2.0 / rate * (0.2 - (1.0 - np.exp(-rate * 0.2)) / rate) if drag else -0.04
-        fallen = batch.control_points[k, -1, :, 2] - batch.control_points[k, 0, :, 2]
-        assert fallen == pytest.approx(np.full(8, fall), rel=1e-4)
 
 
 def test_the_step_limit_knows_the_damping():
@@ -135,14 +111,6 @@ def test_drag_by_direction_takes_energy_from_every_motion(planar):
     assert sim.energy().total < 0.5 * begin
     assert sim.energy_error < 1e-8 * begin
     assert report.force_evaluations < 4 * 300  # 3.0 a step; without its tangent 6.3
-
-
-@pytest.mark.parametrize("method", ["velocity_verlet", "rk4", "zhai"])
-def test_methods_without_drag_by_direction_refuse_it(method):
-    values = DRAGGED | {"damping.air_drag_ratio": 0.5}
-    with pytest.raises(SceneError, match=r"damping\.air_drag_ratio 0\.5; use energy_momentum"):
-        simulator(SLIDING, values, method=method)
-    assert simulator(SLIDING, values).method == "energy_momentum"
 
 
 def test_damping_that_is_off_asks_for_no_method():

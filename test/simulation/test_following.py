@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from cables import SOFT, scene_of, simulator
+from cables import SOFT, move, scene_of, simulator
 
 from dlo_sim.core import rotations
-from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.simulation.following import on_grid
 from dlo_sim.simulation.simulator import Simulator
 
@@ -48,15 +47,7 @@ def test_it_is_what_single_motions_and_steps_are():
         for name, path in paths.items():
             (p0, q0), (p1, q1) = ((row[:3], row[3:]) for row in path[k : k + 2])
             turn = rotations.to_rotation_vector(rotations.multiply(q1, rotations.conjugate(q0)))
-            motion = EndMotion(
-                start=other.time,
-                duration=STEP,
-                position=p0,
-                orientation=q0,
-                velocity=(p1 - p0) / STEP,
-                angular_velocity=turn / STEP,
-            )
-            other.set_motion(name, motion)
+            move(other, name, STEP, velocity=(p1 - p0) / STEP, angular_velocity=turn / STEP)
         other.advance_steps(1)
         assert points[k] == pytest.approx(other.control_points, abs=1e-11)
     assert np.abs(points[-1] - points[0]).max() > 0.05

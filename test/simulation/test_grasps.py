@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cables import SOFT, scene_of, simulator
+from cables import SOFT, simulator
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.refusal import SceneError
@@ -212,19 +212,6 @@ def test_impossible_grasps_are_refused(call, text):
         call(sim)
 
 
-def test_a_scene_refuses_names_and_clamps_that_cannot_be():
-    for values, text in (
-        ({"grasps.names": ["start"]}, "grasps.names: 'start' is not a name"),
-        (
-            {"grasps.hand.clamped": True, "grasps.hand.fixed": [True, True, False]},
-            "grasps.hand.clam",
-        ),
-        ({"grasps.foot.at": 0.2}, "grasps.foot.at: 0.2 belongs to a name that is not in grasps"),
-    ):
-        with pytest.raises(SceneError, match=text):
-            scene_of(CABLE, values)
-
-
 def tangent(sim):
     length = sim.scene.cable.length
     edge = np.diff(sim.centerline([0.4 * length - 1e-6, 0.4 * length + 1e-6]), axis=0)[0]
@@ -316,20 +303,3 @@ def test_a_spring_takes_the_direction_that_it_finds_and_releases_it():
     assert sim.energy().spring < 2e-3 * before  # the cable is stretched a little there
     assert sim.advance(0.05).status.ok
     assert sim.energy_error < 1e-9
-
-
-def test_a_jump_that_brings_in_a_coordinate_books_the_work_of_springs():
-    """Flat until the end effector leaves the plane; in space from the start it is the same."""
-    sprung = {"end.spring": [20.0] * 3, "end.fixed": [False] * 3, "grasps.names": []}
-    values = {key: value for key, value in CABLE.items() if not key.startswith("grasps.")} | sprung
-    runs = []
-    for plane in ("auto", "on"):
-        flat = {"terms.out_of_plane": plane}
-        sim = simulator(values, flat, method="energy_momentum", step=2e-3)
-        assert sim.advance(0.05).status.ok
-        place = sim.end_pose("end")[0] + np.array([0.0, 0.03, 0.0])
-        sim.set_end("end", position=place)
-        assert sim.advance(0.1).status.ok
-        assert sim.energy_error < 1e-5
-        runs.append(sim.control_points)
-    assert runs[0] == pytest.approx(runs[1], abs=1e-6)

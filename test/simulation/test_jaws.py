@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from cables import simulator
 
-from dlo_sim.scene.refusal import SceneError
-
 ROD = {
     "cable.length": 1.0,
     "cable.linear_density": 0.03,
@@ -61,10 +59,3 @@ def test_a_jaw_that_closes_moves_nothing_then_straightens_and_keeps_the_account(
     sim.release("hand")
     assert sim.advance(1.0).status.ok
     assert sim.control_points == pytest.approx(before, abs=0.02)
-
-
-def test_a_jaw_needs_a_clamp():
-    with pytest.raises(
-        SceneError, match=r"^grasps.hand.jaw: 0.06 m of cable is held straight by a"
-    ):
-        simulator(ROD, MIDDLE, {"grasps.hand.clamped": False, "grasps.hand.jaw": JAW})

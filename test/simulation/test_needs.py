@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from cables import move
 
 from dlo_sim.core import bspline
-from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scene
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.simulator import Simulator
@@ -49,32 +49,11 @@ def test_twist_that_is_off_warns_once_something_twists():
     sim = Simulator(shipped("hanging_cable", HAND, {"terms.twist": "off"}))
     assert sim.warnings == ()
     across = [0.0, 0.4, 0.0]
-    position, orientation = sim.end_pose("start")
-    sim.set_motion(
-        "start",
-        EndMotion(
-            start=0.0,
-            duration=0.01,
-            position=position,
-            orientation=orientation,
-            velocity=[0.1, 0.0, 0.0],
-            angular_velocity=across,
-        ),
-    )
+    move(sim, "start", 0.01, velocity=[0.1, 0.0, 0.0], angular_velocity=across)
     sim.set_load("hand", force=[0.0, 1.0, 0.0], torque=[0.0, 0.0, 0.0])
     assert sim.warnings == ()
     about_the_cable = [0.0, 0.0, 0.4]
-    sim.set_motion(
-        "start",
-        EndMotion(
-            start=0.0,
-            duration=0.01,
-            position=position,
-            orientation=orientation,
-            velocity=[0.1, 0.0, 0.0],
-            angular_velocity=about_the_cable,
-        ),
-    )
+    move(sim, "start", 0.01, velocity=[0.1, 0.0, 0.0], angular_velocity=about_the_cable)
     (warning,) = sim.warnings
     assert warning.startswith("terms.twist: off, so nothing turns")
     sim.reset()
@@ -131,17 +110,7 @@ def test_grippers_that_leave_the_plane_are_followed_in_it():
     """Position and turn of the pose, projected; the cable goes on as if nothing led across."""
     sim = Simulator(shipped("two_grippers", FLAT))
     assert len(sim.model.axes) == 2 and len(sim.notes) == 1
-    sim.set_motion(
-        "start",
-        EndMotion(
-            start=0.0,
-            duration=1.0,
-            position=[0.0, 0.0, 0.5],
-            orientation=[0.0, 0.0, 0.0, 1.0],
-            velocity=[0.1, 0.3, 0.05],
-            angular_velocity=[0.0, 0.0, 0.4],
-        ),
-    )
+    move(sim, "start", 1.0, velocity=[0.1, 0.3, 0.05], angular_velocity=[0.0, 0.0, 0.4])
     assert sim.advance(0.2).status.ok
     points = sim.control_points
     assert np.all(points[:, 1] == 0.0)

@@ -22,7 +22,6 @@ from cables import (
 )
 
 from dlo_sim.core.methods import IMPLICIT
-from dlo_sim.scene.loading import SceneError
 
 DURATION = 0.08  # [s]; 5 cm and 0.35 rad of the clamp, some 10 cm of the middle
 LOAD = SINE_LOAD | {"loads.tip.position": 0.6}
@@ -116,11 +115,3 @@ def test_order_holds_with_springs_that_are_moved(method):
     orders, first = convergence(method, "undamped", springs_move=True)
     assert_order(method, orders[:, 0])
     assert first[0] < {2: 4e-6, 4: 1e-8}[method.order]
-
-
-@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
-def test_damping_that_a_method_does_not_admit_is_refused(method):
-    for damping, values in DAMPING.items():
-        if not admitted(method, damping):
-            with pytest.raises(SceneError, match=f"integrator.method: {method.name}"):
-                simulator(values, LOAD, n=6, method=method.name)

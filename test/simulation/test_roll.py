@@ -6,7 +6,6 @@ from cables import simulator
 from test_bishop import LENGTH, SHAFT, SLACK, turn
 
 from dlo_sim.core import bspline, rotations
-from dlo_sim.scene.refusal import SceneError
 
 AT = 0.3
 HELD = {
@@ -122,30 +121,6 @@ def test_a_roll_is_taken_as_it_is_and_released():
     assert sim.energy_error < 1e-10
 
 
-def test_another_simulator_goes_on_with_the_roll():
-    sim = held()
-    roll(sim, "hand", 2.0)
-    sim.advance(3.0)
-    other = sim.reconfigured(sim.scene.with_values({"damping.mass": 3.0}))
-    before = other.control_points
-    assert other.energy().spring == pytest.approx(sim.energy().spring, abs=1e-8)
-    other.advance(0.5)
-    assert other.control_points == pytest.approx(before, abs=1e-4)
-
-
-@pytest.mark.parametrize(
-    "values, text",
-    [
-        ({"grasps.hand.clamped": False}, "grasps.hand.roll: .*needs the direction held"),
-        ({"end.roll_spring": 1.0}, "end.roll_spring: .*would do nothing beside a clamp"),
-        ({"end.tangent_spring": 1.0}, "end.tangent_spring: .*would do nothing beside a clamp"),
-    ],
-)
-def test_springs_that_would_do_nothing_are_refused(values, text):
-    with pytest.raises(SceneError, match=text):
-        held(**values)
-
-
 @pytest.mark.parametrize("stiffness", [1.0, 100.0])
 def test_a_stiff_spring_of_the_roll_does_not_ring_without_inertia(stiffness):
     """It prescribes the angle all but rigidly; the moment is that of the shaft, GJ phi / L."""
@@ -159,11 +134,6 @@ def test_a_stiff_spring_of_the_roll_does_not_ring_without_inertia(stiffness):
         seen.append(sim.reaction("end")[1][0])
     series = 1.0 / (LENGTH / sim.scene.cable.GJ + 1.0 / stiffness)
     assert seen[-10:] == pytest.approx([3.0 * series] * 10, rel=1e-5)
-
-
-def test_a_rigid_roll_beside_its_spring_is_refused():
-    with pytest.raises(SceneError, match=r"roll_spring: .*grasps\.hand\.roll: false"):
-        held(grasps__hand__roll_spring=1e-3)
 
 
 @pytest.mark.parametrize(

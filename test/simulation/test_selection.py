@@ -119,18 +119,6 @@ def test_scenes_and_methods_agree_on_which_methods_can_damp():
         assert set(names) == {one.name for one in methods}
 
 
-def test_negative_steps_with_damping_are_refused():
-    with pytest.raises(
-        SceneError, match="forest_ruth is not valid with damping.mass 1, .* sub-steps"
-    ):
-        chosen({"damping.mass": 1.0}, method="forest_ruth", step=1e-4)
-
-
-def test_a_method_that_is_gone_is_refused_with_another_to_use():
-    with pytest.raises(SceneError, match="^[^\n]*'generalized_alpha'[^\n]*; use energy_momentum"):
-        chosen({}, method="generalized_alpha", step=1e-3)
-
-
 def test_damping_that_thins_has_one_method(method="implicit_midpoint"):
     values = {"damping.bend": 0.01, "damping.thinning": 3.0}
     assert chosen(values).method == "energy_momentum"

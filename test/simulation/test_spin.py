@@ -3,8 +3,8 @@
 import math
 
 import pytest
+from cables import move
 
-from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.report import Status, balance_warning, explained
@@ -15,15 +15,7 @@ def spun(turns, duration, **values):
     """hanging_cable, whose gripper spins from rest at so many turns per second."""
     changed = {key.replace("__", "."): value for key, value in values.items()}
     sim = Simulator(load_scene(shipped_scene("hanging_cable"), changed))
-    place, orientation = sim.end_pose("start")
-    spin = EndMotion(
-        start=0.0,
-        duration=duration,
-        position=place,
-        orientation=orientation,
-        angular_velocity=[0.0, 0.0, -2.0 * math.pi * turns],
-    )
-    sim.set_motion("start", spin)
+    move(sim, "start", duration, angular_velocity=[0.0, 0.0, -2.0 * math.pi * turns])
     return sim, sim.advance(duration)
 
 

@@ -11,12 +11,10 @@ import math
 
 import numpy as np
 import pytest
+from cables import move
 from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 
-from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.core.methods import IMPLICIT, METHODS
-from dlo_sim.scene.description import IMPLICIT_METHODS
 from dlo_sim.scene.loading import load_scene, scene_from_values, shipped_scene
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.simulator import Simulator
@@ -176,11 +174,6 @@ def test_the_model_follows_from_what_twists_the_cable(values, model):
     assert "bishop" not in needs or len(needs.axes) == 3
 
 
-def test_the_names_of_implicit_methods():
-    names = {name for name, method in METHODS.items() if method.family == IMPLICIT}
-    assert {"auto", *names} == set(IMPLICIT_METHODS)
-
-
 SOFT = {
     "cable.youngs_modulus": 1e4,
     "cable.shear_modulus": 4e3,
@@ -190,23 +183,9 @@ SOFT = {
 }
 
 
-def test_a_soft_cable_with_twist_gets_an_implicit_method():
-    apart = CLAMPS | {"end.position": [0.9, 0.0, 0.0]}
-    sim = Simulator(scene_from_values(apart | DRIVEN | SOFT))
-    assert sim.method == "energy_momentum" and "quasistatic" in sim.active_terms
-
-
 def roll(sim, end, angle, duration=1.0):
     """Turn an end about the cable at a constant rate."""
-    place, orientation = sim.end_pose(end)
-    motion = EndMotion(
-        start=sim.time,
-        duration=duration,
-        position=place,
-        orientation=orientation,
-        angular_velocity=[angle / duration, 0.0, 0.0],
-    )
-    sim.set_motion(end, motion)
+    move(sim, end, duration, angular_velocity=[angle / duration, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("method", ["auto", "energy_momentum"])
@@ -252,21 +231,6 @@ def test_a_cable_that_nothing_can_twist_turns_with_its_gripper():
         frames.append(sim.frames(np.linspace(0.0, 1.0, 21)))
     apart = 2.0 * np.arccos(np.clip(np.abs((frames[0] * frames[1]).sum(axis=1)), 0.0, 1.0))
     assert apart.max() < 1e-3
-
-
-def test_moments_twist_and_bend_the_cable_at_rest():
-    """`initial.shape: equilibrium` includes the effect of twist on the shape: nothing moves."""
-    moment = MOMENT | {"loads.hand.position": 0.5, "loads.hand.signal": "constant"}
-    values = (
-        THICK | moment | {"end.position": [0.6, 0.1, 0.0], "loads.hand.torque": [0.1, 0.0, 0.0]}
-    )
-    sim = Simulator(scene_from_values(values | {"initial.shape": "equilibrium"}))
-    begin = sim.control_points
-    assert np.ptp(begin[:, 3]) > 0.1
-    assert sim.advance(5.0).status.ok
-    assert np.abs(sim.control_points - begin)[:, :3].max() < 1e-6
-    untwisted = Simulator(scene_from_values(values | {"terms.twist": "off"}))
-    assert np.abs(untwisted.control_points - begin)[:, :3].max() > 1e-3
 
 
 def test_a_twist_that_grippers_at_rest_hold_stays():

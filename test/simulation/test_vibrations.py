@@ -7,7 +7,6 @@ from cables import FLAT, FREE, FULL, SOFT, Bench, set_state, simulator, straight
 from dlo_sim.core import bspline, mass
 
 EA, EI, GJ, MU, LENGTH = 60.0, 0.02, 0.015, 0.1, 1.0  # of the scene SOFT
-PINNED = {"start.clamped": False, "end.fixed": [True, True, True]}
 BETAS = (1.87510407, 4.69409113, 7.85475744)  # cos(x) cosh(x) = -1
 ZEROS = (2.40482556, 5.52007811, 8.65372791)  # of the Bessel function J0
 
@@ -44,15 +43,6 @@ def test_cantilever_bending(mode):
     errors = relative_errors({}, exact, 2, (7, 11, 19), mode)
     assert_order(errors, 4)
     assert errors[-1] < (2e-7, 8e-6, 6e-5)[mode]
-
-
-@pytest.mark.parametrize("mode", [0, 1, 2])
-def test_pinned_bending(mode):
-    """(k pi / L)^2 sqrt(EI / mu) on two hinges."""
-    exact = ((mode + 1) * np.pi / LENGTH) ** 2 * np.sqrt(EI / MU)
-    errors = relative_errors(PINNED, exact, 1, (7, 11, 19), mode)
-    assert_order(errors, 4)
-    assert errors[-1] < (1.5e-6, 2.5e-5, 1.5e-4)[mode]
 
 
 def test_free_bending():
