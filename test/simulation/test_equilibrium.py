@@ -203,31 +203,18 @@ def test_motions_and_saved_places_far_away_are_in_the_world():
     assert longer.control_points[0, :3] == pytest.approx([x, 0.0, 0.5], abs=1e-9)
 
 
-NOTHING_HELD = {
-    **{"start.fixed": [False] * 3, "end.fixed": [False] * 3, "start.clamped": False},
-    **{"end.clamped": False, "start.pose_topic": "", "end.pose_topic": ""},
-}
-GUIDED = {
-    **{"start.fixed": [True, True, False], "end.fixed": [True, True, False]},
-    **{"start.clamped": False, "end.clamped": False},
-}
+FREE_ENDS = {"start.clamped": False, "end.clamped": False}
+NOTHING_HELD = FREE_ENDS | {"start.fixed": [False] * 3, "end.fixed": [False] * 3}
+NOTHING_HELD |= {"start.pose_topic": "", "end.pose_topic": ""}
+GUIDED = FREE_ENDS | {f"{end}.fixed": [True, True, False] for end in ("start", "end")}
+STARTED, PINNED = {"initial.shape": "straight"}, {"end.fixed": [True] * 3}
+FRENET = {"terms.twist": "frenet", "integrator.method": "rk4", "damping.stiffness": 0.0}
+# Values, words, cures.
 REFUSED = {
-    "free": (NOTHING_HELD, "z, where .* pull with -0.319 N", [{"initial.shape": "straight"}]),
-    "guided": (
-        GUIDED,
-        "nothing holds the cable along z",
-        [
-            {"initial.shape": "straight"},
-            {"end.fixed": [True, True, True], "start.fixed": [True, True, True]},
-            {"end.fixed": [True, True, True]},
-        ],
-    ),
+    "free": (NOTHING_HELD, "z, where .* pull with -0.319 N", [STARTED]),
+    "guided": (GUIDED, "nothing holds the cable along z", [STARTED, PINNED]),
     "no stretch": ({"terms.stretch": "off"}, "stretching", [{"terms.stretch": "auto"}]),
-    "frenet": (
-        {"terms.twist": "frenet", "integrator.method": "rk4", "damping.stiffness": 0.0},
-        "frenet; use straight",
-        [{"initial.shape": "straight"}],
-    ),
+    "frenet": (FRENET, "frenet; use straight", [STARTED]),
 }
 
 

@@ -153,6 +153,11 @@ CALLS = [
     (lambda sim: sim.set_end("start", tangent=[0.0] * 3), "tangent of start"),
     (lambda sim: sim.set_end("start", tangent=[0, 0, 1], orientation=[0, 0, 0, 1]), "tangent"),
     (lambda sim: sim.set_end("start", [0, 0, 0.1], [0, 0, 0, np.nan]), "orientation of start"),
+    (lambda sim: sim.advance_steps(2.5), "steps"),
+    (lambda sim: sim.advance(-1.0), "duration"),
+    (lambda sim: sim.restore(simulator(SOFT, n=7).snapshot()), "another scene"),
+    (lambda sim: sim.start_from(np.zeros((6, 4))), "coincide"),
+    (lambda sim: sim.centerline([1.1]), "outside"),
 ]
 
 

@@ -234,36 +234,6 @@ def test_a_step_that_is_solved_in_part_keeps_the_state_before_it(monkeypatch):
     assert same(sim.control_points, before)
 
 
-@pytest.mark.parametrize("steps", [2.5, -1, np.nan, np.inf])
-def test_steps_are_whole_and_not_negative(steps):
-    sim = simulator(SOFT, n=6, method="velocity_verlet")
-    with pytest.raises((ValueError, OverflowError)):
-        sim.advance_steps(steps)
-    with pytest.raises(ValueError, match="duration"):
-        sim.advance(-1.0 if steps == 2.5 else min(steps, -1.0) if steps < 0 else steps)
-    assert sim.steps == 0
-    assert sim.advance_steps(2.0).steps == 2
-
-
-def test_a_snapshot_of_another_scene_is_refused():
-    sim, other = (simulator(SOFT, n=n, method="velocity_verlet") for n in (6, 7))
-    other.advance_steps(5)
-    before = everything(sim)
-    with pytest.raises(ValueError, match="another scene"):
-        sim.restore(other.snapshot())
-    assert same(everything(sim), before)
-
-
-def test_a_start_without_a_finite_energy_is_refused():
-    sim = simulator(SOFT, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet")
-    before = everything(sim)
-    with pytest.raises(ValueError, match="coincide"):
-        sim.start_from(np.zeros((6, 4)))
-    assert same(everything(sim), before)
-    with pytest.raises(ValueError, match="outside"):
-        sim.centerline([1.1])
-
-
 def test_fields_of_the_state_are_copies():
     sim = simulator(SOFT, n=6, method="velocity_verlet")
     sim.control_points[:] = 7.0
