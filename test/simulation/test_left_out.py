@@ -39,7 +39,7 @@ class Rule:
 
 
 def plane(name):
-    """A cable with weight, a spring and a wrench in a coordinate plane."""
+    """A cable with weight, a spring and a force in a coordinate plane."""
     normal = PLANES[name]
     along, axis = np.array(DIRECTIONS[normal]), np.eye(3)[normal]
     across = np.cross(axis, along)
@@ -52,7 +52,6 @@ def plane(name):
         "loads.tip.position": 0.7,
         "loads.tip.signal": "constant",
         "loads.tip.force": list(0.4 * across - 0.3 * along),
-        "loads.tip.torque": list(0.05 * axis),
     }
     return Rule("out_of_plane", scene, SPATIAL, name=f"out_of_plane {name}")
 
