@@ -7,6 +7,7 @@ import numpy as np
 
 from dlo_sim.core import bspline, mass, rotations, spectrum
 from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.core.methods import METHODS
 from dlo_sim.engine.arrays import CURVED, ENERGIES
 from dlo_sim.scene.loading import scene_from_values, scene_values
 from dlo_sim.scene.needs import needs_of
@@ -17,6 +18,8 @@ from dlo_sim.simulation.geometry import geometries_of
 from dlo_sim.simulation.natural_shape import local_turn, natural_rows, turned_rows, weighted
 from dlo_sim.simulation.simulator import Simulator
 
+# Methods of the elastic cable by name.
+ELASTIC = {name: method for name, method in METHODS.items() if name != "rattle"}
 # Stretching, bending, gravity and a point load; the start is clamped along x, the end is free.
 SOFT = {
     "cable.length": 1.0,
@@ -313,3 +316,11 @@ def rotation(vector):
     x, y, z = vector / angle
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def move(sim, end, duration, **rates):
+    """Let an end effector or obstacle move from where it is for so long [s], with velocity,
+    acceleration, angular_velocity and angular_acceleration."""
+    place = dict(zip(("position", "orientation"), sim.end_pose(end), strict=True))
+    start = getattr(sim, "simulator", sim).time  # of an error estimate
+    sim.set_motion(end, EndMotion(start=start, duration=duration, **place, **rates))

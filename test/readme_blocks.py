@@ -7,14 +7,13 @@ writes them anew; test/test_readme.py fails while they are not what the code say
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import math
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
-from types import ModuleType
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / "resource" / "rooms.svg"
@@ -140,18 +139,10 @@ COLORS = (
 WIDTH, HEIGHT, GAP_X, GAP_Y, EDGE = 230, 52, 40, 46, 14
 
 
-def layering() -> ModuleType:
-    """test_layering.py, which reads the imports."""
-    spec = importlib.util.spec_from_file_location("layering", ROOT / "test" / "test_layering.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def imports() -> dict[str, set[str]]:
     """Room -> rooms that its modules import."""
-    code = layering()
+    code = importlib.import_module("test_layering")  # which reads the imports
+
     found: dict[str, set[str]] = {}
     for module in code.MODULES:
         room = code.room(module)

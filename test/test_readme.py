@@ -1,10 +1,10 @@
 """What README.md and the reference in config/ say is what the code does."""
 
-import importlib.util
 import re
 import shlex
 
 import pytest
+import readme_blocks
 
 from dlo_sim.cli.main import SUBCOMMANDS, _parser
 from dlo_sim.scene.description import scene_parameters
@@ -20,21 +20,6 @@ def readme(checkout) -> str:
 @pytest.fixture(scope="module")
 def node_page(checkout) -> str:
     return (checkout / "config" / "NODE.md").read_text(encoding="utf-8")
-
-
-@pytest.fixture(scope="module")
-def methods_page(checkout) -> str:
-    return (checkout / "config" / "METHODS.md").read_text(encoding="utf-8")
-
-
-@pytest.fixture(scope="module")
-def generator(checkout):
-    """readme_blocks.py, which makes the generated parts."""
-    path = checkout / "test" / "readme_blocks.py"
-    spec = importlib.util.spec_from_file_location("readme_blocks", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def fenced_lines(text: str) -> list[str]:
@@ -77,18 +62,18 @@ PAGES = ["README.md", "config/README.md", "config/NODE.md", "config/METHODS.md"]
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_generated_parts_are_what_the_code_says(checkout, generator, page):
+def test_generated_parts_are_what_the_code_says(checkout, page):
     text = (checkout / page).read_text(encoding="utf-8")
-    found, made = generator.found_blocks(text), generator.PAGES.get(page, {})
+    found, made = readme_blocks.found_blocks(text), readme_blocks.PAGES.get(page, {})
     assert set(found) == set(made)
     for name, make in made.items():
         assert found[name] == make(), "run `python test/readme_blocks.py`"
         assert len(found[name].splitlines()) > 5
 
 
-def test_picture_of_the_rooms_is_drawn_from_the_imports(checkout, generator):
+def test_picture_of_the_rooms_is_drawn_from_the_imports(checkout):
     drawn = (checkout / "resource" / "rooms.svg").read_text(encoding="utf-8")
-    assert drawn == generator.rooms(), "run `python test/readme_blocks.py`"
+    assert drawn == readme_blocks.rooms(), "run `python test/readme_blocks.py`"
     assert drawn.count("<polygon") >= 8, "there are arrows"
 
 
@@ -199,20 +184,13 @@ def test_parameters_named_in_the_text_exist(checkout):
     assert keys <= known
 
 
-@pytest.fixture(name="examples")
-def _examples(readme, checkout, monkeypatch):
-    """What the names of each Python example are after it ran as a script."""
+def test_python_examples_run(readme, checkout, monkeypatch):
+    """As scripts; what their names are afterwards."""
     monkeypatch.chdir(checkout)
-    found = []
-    for code in re.findall(r"```python\n(.*?)```", readme, re.DOTALL):
-        names = {"__name__": "__main__"}
-        exec(compile(code, "README.md", "exec"), names)
-        found.append(names)
-    return found
-
-
-def test_python_examples_run(examples):
-    names, batch = examples
+    names, batch = {"__name__": "__main__"}, {"__name__": "__main__"}
+    codes = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    for code, found in zip(codes, (names, batch), strict=True):
+        exec(compile(code, "README.md", "exec"), found)
     assert names["tip"][1] > 0.05, "the hand has pulled the free end towards y"
     assert names["force"][2] > 1.0, "the gripper carries the cable"
     assert batch["result"].ok

@@ -29,7 +29,7 @@ Errors of the position [m] found with knot spans of length h:
 - beside a clamp CLAMP * pi / 2 * lambda (h / lambda)^5 (it may turn by pi / 2),
 - elsewhere MIDDLE * l (h / l)^4.
 
-The constants are from the cables of test/simulation/everyday_motions.py, whose errors they exceed 2
+The constants are from the cables of test/simulation/corpus.py, whose errors they exceed 2
 to 10 times. What depends on the motion (waves, tension by acceleration) is not in them: the error
 estimate tells.
 """

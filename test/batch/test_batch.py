@@ -91,11 +91,6 @@ def test_poses_that_do_not_fit_are_refused(poses, text):
         simulate_batch(scenes, 0.2, poses=poses, processes=1)
 
 
-def test_explicit_methods_follow_no_poses():
-    with pytest.raises(ValueError, match="^poses 0: integrator.method: velocity_verlet follows no"):
-        simulate_batch([pulled(0)], 0.2, poses=[([0.0, 0.2], {})], processes=1)
-
-
 def test_samples_are_those_of_a_single_run():
     scenes = [pulled(k) for k in range(3)]
     every = 7.3e-3  # never a whole number of steps

@@ -168,7 +168,9 @@ def nearest(shape, y):
         return np.linalg.norm(y, axis=0) - 0.1
     inner, thick, length = SHAPES[shape]["size"]
     half = 0.5 * (length - thick) if shape == "channel" else 0.0
-    angle, z = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 3001), np.linspace(-half, half, 301))
+    angle, z = np.meshgrid(
+        np.linspace(0.0, 2.0 * np.pi, 3001), np.linspace(-half, half, 301 if half else 1)
+    )
     radius = 0.5 * (inner + thick)
     middle = np.stack([radius * np.cos(angle), radius * np.sin(angle), z]).reshape(3, -1)
     return np.linalg.norm(y[:, :, None] - middle[:, None], axis=0).min(axis=1)

@@ -249,9 +249,3 @@ def test_the_tangent_of_damping_that_thins(kind):
     assert 0.05 < np.linalg.norm(exact) / np.linalg.norm(linear) < 0.8
     found = central(viscous, way, 1e-8).reshape(exact.shape)
     assert np.abs(found - exact).max() < 1e-3 * np.abs(exact).max()
-
-
-def test_with_both_configurations_the_same_the_tangent_is_half_the_stiffness(bench):
-    points, _ = pair(bench)
-    expected = 0.5 * bench.stiffness(points)
-    assert np.abs(bench.tangent(points, points) - expected).max() < 1e-12 * np.abs(expected).max()

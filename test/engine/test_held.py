@@ -15,7 +15,6 @@ from cables import (
     wild,
 )
 
-from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
 
 CLAMPED = FULL | {
@@ -208,17 +207,3 @@ def test_energy_momentum_closes_the_account_exactly(motion, values):
     assert sim.energy_error < 1e-9
     assert clamp_defect(sim, motion)[0] < 1e-12
     assert abs(sim.cable.account.drive_work) > 1e-2
-
-
-@MOTIONS
-def test_a_clamp_lets_the_first_span_stretch(motion):
-    sim = moved(motion, {}, method="velocity_verlet", step=1e-4)
-    third = 1.0 / 4 / 3
-    assert abs(clamp_defect(sim, motion)[1] - third) > 1e-3 * third
-
-
-def test_an_end_that_turned_has_the_pose_that_was_asked(clamped):
-    w1, w2 = TURNING.rotation_coefficients
-    turn = rotation(0.3 * w1 + 0.09 * w2)
-    found = rotations.to_matrix(clamped.drive.pose("start", 0.3)[1])
-    assert np.abs(found - turn).max() < 1e-14

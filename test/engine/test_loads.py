@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cables import BENT, Bench, rotation, wild
+from cables import BENT, Bench, wild
 
 from dlo_sim.core import bspline
 
@@ -63,20 +63,6 @@ def test_moment_across_bends_and_along_twists():
     across = loaded(0.5, moment=0.3 * np.cross(tangent, [0.0, 0.0, 1.0]))[1](points)
     assert np.abs(across[:, 3]).max() < 1e-12
     assert np.abs(across[:, :3]).max() > 0.1
-
-
-def test_loads_stay_in_the_world():
-    """Forces turn along when cable and load are turned together, not with the cable alone."""
-    bench, load = loaded(0.5, FORCE, MOMENT)
-    points = wild(bench)
-    turn = rotation([0.4, -0.9, 1.3])
-    moved = points.copy()
-    moved[:, :3] = points[:, :3] @ turn.T
-    expected = load(points)
-    expected[:, :3] = expected[:, :3] @ turn.T
-    together = loaded(0.5, turn @ FORCE, turn @ MOMENT)[1](moved)
-    assert np.abs(together - expected).max() < 1e-9
-    assert np.abs(load(moved) - expected).max() > 0.1
 
 
 def test_a_sine_swings():

@@ -3,14 +3,12 @@
 import elasticity
 import numpy as np
 import pytest
-from cables import FLAT, SOFT, Bench, scene_of, simulator, straight, wild
+from cables import FLAT, SOFT, Bench, simulator, straight, wild
 from differences import assert_limit
 from plasticity import Law, carried
 
 from dlo_sim.core import bspline
 from dlo_sim.core.methods import IMPLICIT, METHODS
-from dlo_sim.scene.loading import SceneError
-from dlo_sim.simulation.simulator import Simulator
 
 YIELD = {"plasticity.yield_curvature": 1.5, "plasticity.hardening": 0.2}
 ALONE = SOFT | FLAT | YIELD
@@ -169,36 +167,3 @@ def test_energy_account_includes_the_plastic_work(method):
         assert lost == pytest.approx(sim.cable.account.dissipated, rel=1e-2)
         errors.append(sim.energy_error)
     assert max(errors) < 1e-3
-
-
-def test_same_bits_in_pieces_and_after_a_restore():
-    whole, pieces = (simulator(SOFT, YIELD, method="velocity_verlet") for _ in range(2))
-    whole.advance_steps(3000)
-    saved = pieces.snapshot()
-    pieces.advance_steps(1001)
-    pieces.advance_steps(1999)
-    assert np.array_equal(whole.control_points, pieces.control_points)
-    pieces.restore(saved)
-    pieces.advance_steps(3000)
-    assert np.array_equal(whole.control_points, pieces.control_points)
-    assert whole.plastic_work > 0.0
-
-
-def test_a_reconfigured_cable_keeps_its_set():
-    sim = simulator(SOFT, YIELD, method="velocity_verlet")
-    sim.advance(0.5)
-    other = sim.reconfigured(sim.scene.with_values({"discretization.control_points": 12}))
-    here, there = plastic_of(sim.cable), plastic_of(other.cable)
-    assert np.abs(there).max() == pytest.approx(np.abs(here).max(), rel=0.2)
-
-
-def test_combinations_without_meaning_are_refused():
-    with pytest.raises(SceneError, match="needs plasticity.yield_curvature"):
-        simulator(SOFT, {"terms.plasticity": "on"})
-    with pytest.raises(SceneError, match="terms.bend is off"):
-        simulator(SOFT, YIELD, {"terms.bend": "off"})
-    for method in ("energy_momentum_4", "rattle"):
-        with pytest.raises(SceneError, match=f"{method} is not valid with plasticity.yield"):
-            simulator(SOFT, YIELD, method=method)
-    assert "plasticity" in simulator(SOFT, YIELD).active_terms
-    assert Simulator(scene_of(SOFT)).left_out["plasticity"] == "no yield curvature"

@@ -2,25 +2,7 @@
 
 import numpy as np
 import pytest
-from cables import SOFT, scene_of, simulator
-
-from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.scene.loading import SceneError
-
-
-@pytest.mark.parametrize(
-    ("values", "cure"),
-    [
-        (
-            {"discretization.quadrature": "uniform", "discretization.samples": 101},
-            "discretization.quadrature to gauss",
-        ),
-        ({"discretization.control_points": 4}, "5 control points"),
-    ],
-)
-def test_where_it_cannot_be_is_one_line(values, cure):
-    with pytest.raises(SceneError, match="discretization.stretch: 'span'.*" + cure):
-        scene_of(SOFT, {"discretization.stretch": "span"}, values)
+from cables import SOFT, move, simulator
 
 
 @pytest.mark.parametrize("n", [7, 9, 13])
@@ -48,16 +30,7 @@ def test_violent_compression_does_not_turn_the_first_span_over(n):
     ends = {"end.fixed": [True] * 3, "end.position": [1.0, 0.0, 0.0]}
     values = {"discretization.stretch": "span", "terms.out_of_plane": "on"}
     sim = simulator(SOFT, ends, values, n=n, method="energy_momentum", step=1e-3)
-    sim.set_motion(
-        "end",
-        EndMotion(
-            start=0.0,
-            duration=0.05,
-            position=[1.0, 0.0, 0.0],
-            orientation=[0.0, 0.0, 0.0, 1.0],
-            velocity=[-10.0, 0.0, 0.0],
-        ),
-    )
+    move(sim, "end", 0.05, velocity=[-10.0, 0.0, 0.0])
     for _ in range(75):
         assert sim.advance_steps(1).status.advanced  # unresolved while it is compressed so
         edge = sim.control_points[1, 0] - sim.control_points[0, 0]

@@ -77,14 +77,6 @@ def test_straight_cable_gives_numbers_and_is_reported(floor):
     assert any("torsion" in note and "15 of 15" in note for note in sim.notes)
 
 
-def test_the_report_follows_a_cable_that_bends():
-    sim = Simulator(scene_of(SOFT, {"terms.twist": "frenet"}))
-    assert sim.undefined_torsion.last == 15
-    sim.advance_steps(600)
-    report = sim.undefined_torsion
-    assert report.last < report.mean < report.worst == 15
-
-
 def test_inflection_gives_numbers_and_is_reported():
     """Undefined at the inflection and nowhere else: some samples, not all."""
     bench = Bench(SOFT, {"terms.twist": "frenet"}, FLOOR, n=12)
@@ -98,12 +90,6 @@ def test_inflection_gives_numbers_and_is_reported():
     report = sim.undefined_torsion
     assert 0 < report.last <= report.worst < report.samples
     assert any("torsion" in note for note in sim.notes)
-
-
-def test_bent_cable_is_not_reported():
-    sim = Simulator(scene_of(SOFT, {"terms.twist": "off"}))
-    assert sim.undefined_torsion.samples == 0
-    assert sim.notes == sim.warnings
 
 
 def test_implicit_methods_and_equilibria_are_refused():

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
-import elasticity
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
@@ -65,7 +64,9 @@ def momenta(simulator: Simulator) -> tuple[Array, Array]:
     points, rates = simulator.control_points[:, :3], simulator.velocities[:, :3]
     weights = (knots[4:] - knots[:-4]) / 4.0
     if scene.discretization.mass == "consistent":
-        u, weights = elasticity.samples(quadrature.gauss(bspline.breaks(knots), 4), knots)
+        rule = quadrature.gauss(bspline.breaks(knots), 4)
+        used = rule.weights != 0.0
+        u, weights = rule.places(bspline.breaks(knots))[used], rule.weights[used]
         points, rates = simulator.centerline(u), bspline.evaluate(rates, knots, u)
     impulse = scene.cable.mu * weights[:, None] * rates
     return impulse.sum(axis=0), np.cross(points, impulse).sum(axis=0)

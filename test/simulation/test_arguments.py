@@ -55,16 +55,8 @@ CALLS = {
         (lambda sim, x: sim.set_motion("start", x), "motion", ()),
         (lambda sim, x: EndMotion.resting(x), "end motion: position", ()),
         (lambda sim, x: EndMotion.resting([0, 0, 0], x), "end motion: orientation", ()),
-        (
-            lambda sim, x: end_motion(start=x),
-            "end motion: start",
-            (NEGATIVE, HUGE),
-        ),
-        (
-            lambda sim, x: end_motion(duration=x),
-            "end motion: duration",
-            (HUGE,),
-        ),
+        (lambda sim, x: end_motion(start=x), "end motion: start", (NEGATIVE, HUGE)),
+        (lambda sim, x: end_motion(duration=x), "end motion: duration", (HUGE,)),
         (lambda sim, x: end_motion(position=x), "end motion: position", ()),
         (lambda sim, x: end_motion(orientation=x), "end motion: orientation", ()),
         (lambda sim, x: end_motion(velocity=x), "end motion: velocity", ()),
@@ -84,7 +76,7 @@ CALLS = {
         (lambda sim, x: sim.start_from_points(POINTS, None, x), "coordinates", (None,)),
     ],
     "reconfigured": [(lambda sim, x: sim.reconfigured(x), "scene", ())],
-    "record_along": [(lambda sim, x: sim.record_along(x, {}, x), "times", ())],
+    "record_along": [(lambda sim, x: sim.record_along(x, {}, [0.1]), "times", ())],
     "forecast": [(lambda sim, x: sim.forecast(x), "plan", ())],
     "correct": [
         (lambda sim, x: sim.correct(x, np.zeros((6, 3))), "shift", ()),
@@ -94,7 +86,7 @@ CALLS = {
         (lambda sim, x: sim.path(x, np.zeros((2, 7)), 2), "end", ()),
         (lambda sim, x: sim.path("start", x, 2), "poses of start", ()),
     ],
-    "follow": [(lambda sim, x: sim.follow(x, {}, x), "times", ())],
+    "follow": [(lambda sim, x: sim.follow(x, {}, [0.1]), "times", ())],
     "take": [
         (lambda sim, x: sim.take(x), "grasp", ()),
         (lambda sim, x: sim.take("hand", x), "at", (None,)),
@@ -126,12 +118,14 @@ WITHOUT_ARGUMENTS = {"energy", "reset", "snapshot"}
 CHECKED_BEFORE = {"check_obstacle", "keep_bends", "look_at", "replace_added", "warnings_with"}
 
 
+def with_a_hand():
+    values = {"grasps.names": ["hand"], "grasps.hand.taken": False, "terms.out_of_plane": "on"}
+    return simulator(SOFT, values, n=6, method="energy_momentum", step=5e-4)
+
+
 @pytest.fixture(scope="module")
 def moving():
-    hand = {"grasps.names": ["hand"], "grasps.hand.taken": False}
-    sim = simulator(
-        SOFT, hand, {"terms.out_of_plane": "on"}, n=6, method="energy_momentum", step=5e-4
-    )
+    sim = with_a_hand()
     assert sim.advance_steps(20).status.ok
     return sim
 
@@ -216,10 +210,7 @@ def path(sim, way=(0.0, 0.0, 0.0), turn=0.0, start=None):
     ],
 )
 def test_a_motion_begins_now_and_where_the_end_is(wrong, cure):
-    hand = {"grasps.names": ["hand"], "grasps.hand.taken": False}
-    sim = simulator(
-        SOFT, hand, {"terms.out_of_plane": "on"}, n=6, method="energy_momentum", step=5e-4
-    )
+    sim = with_a_hand()
     sim.advance_steps(20)
     before = everything(sim)
     with pytest.raises(ValueError, match=cure):
@@ -232,10 +223,7 @@ def test_a_motion_begins_now_and_where_the_end_is(wrong, cure):
 
 def test_a_motion_may_be_up_to_a_step_late_and_follow_another():
     """As where a step does not divide the times between motions."""
-    hand = {"grasps.names": ["hand"], "grasps.hand.taken": False}
-    sim = simulator(
-        SOFT, hand, {"terms.out_of_plane": "on"}, n=6, method="energy_momentum", step=5e-4
-    )
+    sim = with_a_hand()
     first = path(sim)
     sim.set_motion("start", first)
     sim.advance_steps(201)
@@ -246,10 +234,7 @@ def test_a_motion_may_be_up_to_a_step_late_and_follow_another():
 
 
 def test_a_start_that_moves_held_points_warns(recwarn):
-    hand = {"grasps.names": ["hand"], "grasps.hand.taken": False}
-    sim = simulator(
-        SOFT, hand, {"terms.out_of_plane": "on"}, n=6, method="energy_momentum", step=5e-4
-    )
+    sim = with_a_hand()
     points = sim.control_points
     points[3, 2] += 0.01
     sim.start_from(points)

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from cables import simulator
+from cables import move, simulator
 
 from dlo_sim.core import bspline, rotations
-from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.scene.refusal import SceneError
 
 LENGTH = 1.0
 SHAFT = {
@@ -39,17 +37,7 @@ def held(method="energy_momentum", step=0.01, **values):
 
 def turn(sim, end, rotation, duration):
     """Turn an end effector about its place by a rotation vector [rad], at a constant rate."""
-    place, orientation = sim.end_pose(end)
-    sim.set_motion(
-        end,
-        EndMotion(
-            start=sim.time,
-            duration=duration,
-            position=place,
-            orientation=orientation,
-            angular_velocity=np.asarray(rotation) / duration,
-        ),
-    )
+    move(sim, end, duration, angular_velocity=np.asarray(rotation) / duration)
 
 
 def roll(sim, angle, duration=4.0):
@@ -81,15 +69,6 @@ def test_a_straight_shaft_turns_end_to_end():
     moment = sim.scene.cable.GJ * 3.0 / LENGTH
     for end, sign in (("start", -1.0), ("end", 1.0)):
         np.testing.assert_allclose(sim.reaction(end)[1], [sign * moment, 0.0, 0.0], atol=1e-6)
-
-
-@pytest.mark.parametrize(("share", "stable"), [(0.98, True), (1.02, False)])
-def test_it_buckles_at_greenhills_twist(share, stable):
-    """Clamped at both ends: M L / EI = 8.987 (Greenhill 1883)."""
-    sim = held()
-    cable = sim.scene.cable
-    roll(sim, share * 8.9868 * cable.EI / cable.GJ)
-    assert (largest(sim, [1, 2], 16.0) < 3e-5) == stable
 
 
 def moment_at_buckling(tension):
@@ -160,12 +139,6 @@ def test_a_shape_that_twists_slowly_hardly_knows_inertia():
     np.testing.assert_allclose(shapes[0][:, 3], shapes[1][:, 3], atol=1e-2)
 
 
-@pytest.mark.parametrize("method", ["velocity_verlet", "rattle"])
-def test_quasistatic_twist_needs_an_implicit_method(method):
-    with pytest.raises(SceneError, match="terms.twist quasistatic; use energy_momentum"):
-        held(method, 0.0, terms__twist="quasistatic", damping__stiffness=0.0)
-
-
 def ring(n=33):
     """A ring, with weight enough to leave its plane."""
     sim = held(
@@ -218,36 +191,6 @@ def test_a_gripper_that_turns_keeps_the_material_frame():
     np.testing.assert_allclose(slip(sim), begin, atol=1e-3)
 
 
-def test_turning_everything_twists_nothing():
-    """Both grippers around a vertical axis, twice: the cable comes along and is as it was."""
-    still = {
-        "gravity": [0.0, 0.0, -9.81],
-        "end.position": [0.7, 0.1, 0.2],
-        "discretization.control_points": 25,
-    }
-    sim = held(**{key.replace(".", "__"): value for key, value in still.items()}, step=0.005)
-    sim.advance(10.0)
-    before, points = sim.energy(), sim.control_points.copy()
-    times = np.linspace(0.0, 6.0, 1201)
-    s = times / times[-1]
-    turned = np.outer(4.0 * np.pi * s**3 * (10.0 - 15.0 * s + 6.0 * s**2), [0.0, 0.0, 0.5])
-    about = np.hstack([np.sin(turned)[:, :3], np.cos(turned[:, 2:])])
-    poses = {
-        end: np.hstack(
-            [
-                rotations.rotate(about, sim.end_pose(end)[0]),
-                rotations.multiply(about, sim.end_pose(end)[1]),
-            ]
-        )
-        for end in ("start", "end")
-    }
-    sim.follow(sim.time + times, poses, sim.time + times[-1:])
-    sim.advance(10.0)
-    np.testing.assert_allclose(sim.control_points[:, :3], points[:, :3], atol=2e-5)
-    assert abs(sim.energy().twist - before.twist) < 1e-5 * before.bend
-    assert sim.energy_error < 1e-5
-
-
 def test_shapes_without_curvature_give_no_jump():
     """From a sagging cable through a straight one to an arch: the frame has no 0/0 anywhere."""
     sim = held(gravity=[0.0, 0.0, 0.0], end__position=[0.9, 0.0, 0.0], damping__mass=5.0)
@@ -262,14 +205,8 @@ def test_shapes_without_curvature_give_no_jump():
     assert np.abs(np.diff(angles, axis=0)).max() < 0.3
 
 
-@pytest.mark.parametrize(
-    ("method", "step", "close"),
-    [
-        ("implicit_midpoint", 2e-3, 3e-4),
-        ("energy_momentum", 2e-3, 3e-4),
-    ],
-)
-def test_methods_agree(method, step, close):
+@pytest.mark.parametrize("method", ["implicit_midpoint", "energy_momentum"])
+def test_methods_agree(method):
     def moved(method, step):
         slack = {key.replace(".", "__"): value for key, value in SLACK.items()}
         sim = held(method, step, **slack, damping__stiffness=0.0)
@@ -277,9 +214,9 @@ def test_methods_agree(method, step, close):
         sim.advance(0.4)
         return sim
 
-    sim, reference = moved(method, step), moved("energy_momentum", 5e-4)
+    sim, reference = moved(method, 2e-3), moved("energy_momentum", 5e-4)
     np.testing.assert_allclose(
-        sim.control_points[:, :3], reference.control_points[:, :3], atol=close
+        sim.control_points[:, :3], reference.control_points[:, :3], atol=3e-4
     )
     assert sim.energy_error < 1e-2
     assert np.abs(reference.control_points[-1, 3]) > 0.5
@@ -335,43 +272,9 @@ def test_a_reconfigured_cable_keeps_its_twist_and_leaves_the_other_alone():
     assert other.energy().twist == pytest.approx(sim.energy().twist, rel=0.1)
 
 
-def test_it_starts_from_its_own_control_points():
-    sim = twisted()
-    sim.set_end("end", orientation=sim.end_pose("end")[1])
-    begin, energy = slip(sim), sim.energy().twist
-    sim.start_from(sim.control_points)
-    np.testing.assert_allclose(slip(sim), begin, atol=1e-6)
-    assert sim.energy().twist == pytest.approx(energy, rel=1e-6)
-
-
-def test_restored_it_goes_on_with_the_same_bits():
-    sim = twisted()
-    kept = sim.snapshot()
-    sim.advance(0.3)
-    points = sim.control_points.copy()
-    sim.restore(kept)
-    sim.advance(0.3)
-    assert np.array_equal(sim.control_points, points)
-
-
 def test_the_first_shape_has_no_twist():
     """An equilibrium out of a plane is found as without the coupling."""
     slack = {key.replace(".", "__"): value for key, value in SLACK.items()}
     sim, plain = (held(**slack, terms__twist=value) for value in ("bishop", "off"))
     np.testing.assert_allclose(sim.control_points, plain.control_points, atol=1e-9)
     assert sim.energy().twist < 1e-12
-
-
-def test_it_goes_on_where_terms_come_in():
-    """A load that comes in rebuilds the arrays; the twist stays what it was."""
-    slack = {key.replace(".", "__"): value for key, value in SLACK.items()}
-    sims = [held(**slack, step=0.005) for _ in range(2)]
-    for sim in sims:
-        turn(sim, "end", [3.0, 1.0, -0.5], 1.0)
-        sim.advance(1.5)
-    sims[1]._activate(sims[1]._needs, sims[1]._geometries)
-    before, after = (sim.energy().twist for sim in sims)
-    assert after == pytest.approx(before, rel=2e-3)
-    for sim in sims:
-        sim.advance(0.5)
-    np.testing.assert_allclose(sims[1].control_points, sims[0].control_points, atol=2e-3)

@@ -74,8 +74,7 @@ def whole_and_cut(method, step, **more):
     return sim, stepper, cut
 
 
-@pytest.mark.parametrize("method, step", [("energy_momentum", 2e-3), ("velocity_verlet", 2e-5)])
-def test_a_cable_cut_in_two_and_joined_moves_as_uncut(method, step):
+def test_a_cable_cut_in_two_and_joined_moves_as_uncut(method="energy_momentum", step=2e-3):
     """To round-off, as long as the motion does not amplify it."""
     sim, stepper, cut = whole_and_cut(method, step, **{"integrator.tolerance": 1e-13})
     knots, u = sim.model.knots, np.linspace(0.0, 1.0, 41)
@@ -139,14 +138,12 @@ def test_three_heavy_strings_hang_as_catenaries():
     np.testing.assert_allclose(np.linalg.norm(forces[:, :2], axis=1), 0.2995, rtol=5e-3)
 
 
-@pytest.mark.parametrize("method, step", [("energy_momentum", 1e-3), ("velocity_verlet", 1e-5)])
 @pytest.mark.parametrize("stiffness", [np.inf, 50.0], ids=["rigid", "giving"])
-def test_the_energy_of_joined_branches_is_kept(method, step, stiffness):
+def test_the_energy_of_joined_branches_is_kept(stiffness):
     joints = [Joint((0, k), (0.5, 0.5), stiffness=stiffness) for k in (1, 2)]
-    tree = Branched(three_strings(**{"damping.mass": 0.0}), joints, method, step)
-    tree.advance(round(0.5 / step))
-    limit = 1e-6 if method == "energy_momentum" else 1e-3
-    assert tree.cable.account.exchanged > 1e-2 and tree.cable.share_open() < limit
+    tree = Branched(three_strings(**{"damping.mass": 0.0}), joints)
+    tree.advance(500)
+    assert tree.cable.account.exchanged > 1e-2 and tree.cable.share_open() < 1e-6
     apart = max(np.linalg.norm(tree.at(k, 0.5) - tree.at(0, 0.5)) for k in (1, 2))
     assert apart < 1e-10 if stiffness == np.inf else apart > 1e-4
 

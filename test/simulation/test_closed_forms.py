@@ -3,7 +3,7 @@
 import closed_forms
 import numpy as np
 import pytest
-from extreme_scenes import SOFT, thrown
+from corpus import SOFT, thrown
 
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator

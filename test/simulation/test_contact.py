@@ -1,16 +1,13 @@
 """Contact with obstacles: known answers, and refusals."""
 
-import warnings
-
 import numpy as np
 import pytest
-from cables import scene_of, simulator
+from cables import simulator
 
-from dlo_sim.batch import simulate_batch
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine.contact import STIFFNESS
-from dlo_sim.scene.loading import SceneError, load_scene
+from dlo_sim.scene.loading import load_scene
 from dlo_sim.scene.needs import mirrors
 from dlo_sim.simulation.simulator import Simulator
 
@@ -149,59 +146,6 @@ def test_a_held_cable_lies_down_in_its_equilibrium():
     assert 0.6 * RADIUS < before[:, 2].min() < RADIUS
     sim.advance(2.0)
     np.testing.assert_allclose(sim.centerline(u), before, atol=1e-4)
-
-
-def test_batches_of_it_are_its_runs():
-    damped = {"damping.mass": 5.0}
-    scenes = [
-        scene_of(
-            ROD,
-            damped,
-            {"start.position": [0.0, 0.0, 0.05 + 0.01 * k]},
-            step=5e-3,
-        )
-        for k in range(3)
-    ]
-    result = simulate_batch(scenes, duration=0.3)
-    for k, scene in enumerate(scenes):
-        sim = simulator(
-            ROD,
-            damped,
-            {"start.position": list(scene.start.position)},
-            step=5e-3,
-        )
-        sim.advance(0.3)
-        np.testing.assert_allclose(result.control_points[k, -1], sim.control_points, atol=1e-12)
-
-
-def test_what_cannot_be_touched_is_refused():
-    with pytest.raises(SceneError, match="terms.contact: 'on' needs obstacles"):
-        falling({"obstacles.names": [], "terms.contact": "on"})
-    with pytest.raises(SceneError, match="obstacles.table.orientation: .* is no rotation"):
-        falling({"obstacles.table.orientation": [0.0] * 4})
-    with pytest.raises(SceneError, match="obstacles.table.shape: 'cone' is unknown"):
-        falling({"obstacles.table.shape": "cone"})
-    with pytest.raises(SceneError, match="obstacles.table.size: .* has a zero that a box needs"):
-        falling({"obstacles.table.shape": "box", "obstacles.table.size": [1.0, 0.0, 1.0]})
-    with pytest.raises(SceneError, match="has 4.94066e-324 m where a box needs more; give"):
-        falling({"obstacles.table.shape": "box", "obstacles.table.size": [1.0, 5e-324, 1.0]})
-    for method in ("rattle", "energy_momentum_4", "velocity_verlet"):
-        line = r"terms.contact auto \(obstacle table\), since its steps cannot land; use energy_mo"
-        with pytest.raises(SceneError, match=line):
-            falling(method=method)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        sim = falling({"terms.contact": "off"})
-    assert "contact" not in sim.active_terms
-    assert any("goes through its obstacles" in line for line in sim.warnings)
-
-
-def test_a_cable_that_begins_inside_an_obstacle_is_refused():
-    with pytest.raises(SceneError, match="table.position: the cable begins 0.05 m inside it, at 0"):
-        falling({"obstacles.table.position": [0.0, 0.0, 0.1]})
-    falling({"obstacles.table.position": [0.0, 0.0, 0.055]})
-    with pytest.raises(SceneError, match="orientation: .* is no rotation"):
-        falling({"obstacles.table.orientation": [1e-200, 0.0, 0.0, 0.0]})
 
 
 def test_what_the_cable_cannot_reach_is_named():

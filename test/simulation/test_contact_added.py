@@ -99,23 +99,6 @@ def test_a_box_that_comes_pushes_the_cable_aside():
     assert sim.energy_error < 1e-4
 
 
-def test_the_predictor_extrapolates_a_smooth_motion():
-    """A fall, with its second difference, but not past the step that ends it."""
-    sim = lying(**{"damping.mass": 0.0})
-    sim.add_obstacles([replace(TABLE, position=(0.0, 0.0, -0.05))])
-    sim.advance(0.05)
-    assert sim.cable.account.extrapolated_share == pytest.approx(1.0, abs=1e-3)
-    before = sim.steps
-    report = sim.advance(0.03)
-    assert report.force_evaluations == sim.steps - before, "what falls freely is where predicted"
-    shares = []
-    while not len(sim.contact("table").u):
-        sim.advance_steps(1)
-        shares.append(sim.cable.account.extrapolated_share)
-    assert shares[-2] == pytest.approx(1.0, abs=1e-3)
-    assert shares[-1] < 0.1
-
-
 def test_one_that_grows_where_it_is_is_as_close_as_a_new_one():
     """Distances that are kept from step to step are those of the obstacle before."""
     sim = lying()
@@ -241,15 +224,6 @@ def test_a_reset_forgets_that_an_obstacle_jumped():
     assert any("jumped into the cable once" in line for line in sim.warnings)
     sim.restore(kept)
     assert not any("jumped" in line for line in sim.warnings)
-
-
-def test_the_error_estimate_keeps_up_with_obstacles_that_change_in_every_call():
-    estimate = ErrorEstimate.placed(lying())
-    for k in range(20):
-        estimate.replace_added((replace(BOX, position=(0.15, 0.03, 0.5 + 0.01 * k)),))
-        estimate.advance_steps(1)
-        lag = [estimate.simulator.steps - one.simulator.time / 5e-3 for one in estimate.companions]
-        assert max(lag) < 3.5
 
 
 def test_a_body_from_a_marker_finds_room_beside_the_samples_of_a_ring():

@@ -61,21 +61,6 @@ def test_an_obstacle_that_jumps_into_the_cable_pushes_it_out_slowly():
     assert sim.energy_error < 1e-8
 
 
-def test_a_plane_that_jumps_lifts_the_cable():
-    alone = {key: value for key, value in LYING.items() if "body" not in key}
-    alone |= {"obstacles.names": ["table"]}
-    sim = simulator(alone, method="energy_momentum", step=2e-3)
-    sim.advance(0.1)
-    sim.set_obstacle("table", [0.0, 0.0, 0.05])
-    heights = []
-    for _ in range(60):
-        assert sim.advance(0.01).status.ok
-        heights.append(sim.centerline([0.15])[0, 2])
-    assert fastest(sim) < 0.05
-    assert np.diff(heights).max() < 0.3 * 0.01
-    assert heights[-1] == pytest.approx(0.05 + RADIUS, abs=1e-3)
-
-
 @pytest.mark.parametrize(
     "body", [{"position": [0.0, 0.0, 0.0]}, {"size": [0.02, 0.2, 0.2]}, {"position": [0.12, 0, 0]}]
 )
@@ -116,18 +101,6 @@ def test_a_cable_that_begins_a_little_inside_is_told_so():
     assert line.endswith("at 0.2 m/s: move it, or the cable's ends")
     assert sim.advance(0.1).status.ok
     assert fastest(sim) < 0.3
-
-
-def test_a_snapshot_continues_while_an_obstacle_yields():
-    sim = lying()
-    sim.set_obstacle("body", [0.0, 0.0, 0.0])
-    sim.advance(0.05)
-    kept = sim.snapshot()
-    sim.advance(0.1)
-    ended = sim.control_points
-    sim.restore(kept)
-    sim.advance(0.1)
-    assert (sim.control_points == ended).all()
 
 
 def thrown(speed, step):

@@ -8,7 +8,6 @@ from cables import simulator
 
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import mirrors
 from dlo_sim.simulation.obstacles import Contact, surface
 from dlo_sim.studies import bodies
@@ -110,23 +109,6 @@ def test_a_cable_is_drawn_through_a_channel():
         before = now
     assert before > 0.28
     assert sim.energy_error < 1e-8
-
-
-def test_guides_that_make_no_sense_are_refused():
-    with pytest.raises(SceneError, match="guide.size: .* an opening of 0.006 m, through which"):
-        threaded(RING, {"obstacles.guide.size": [0.006, 0.01, 0.0]})
-    with pytest.raises(SceneError, match="guide.size: .* shorter than its wall is thick"):
-        threaded(CHANNEL, {"obstacles.guide.size": [0.01, 0.01, 0.005]})
-    with pytest.raises(SceneError, match="guide.size: .* has a zero that a ring needs"):
-        threaded(RING, {"obstacles.guide.size": [0.01, 0.0, 0.0]})
-    with pytest.raises(SceneError, match="guide.position: the cable begins"):
-        threaded(
-            RING,
-            {
-                "obstacles.guide.position": [0.0, 0.0, 0.02],
-                "obstacles.guide.size": [0.02, 0.02, 0.0],
-            },
-        )
 
 
 @pytest.mark.parametrize(

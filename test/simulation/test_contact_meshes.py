@@ -216,12 +216,6 @@ def test_a_missing_library_is_named(tmp_path, monkeypatch, file, missing, cure):
         meshes.triangles_of(body)
 
 
-def test_a_mesh_in_the_wrong_unit_is_refused():
-    problem = "mesh_scale: a mesh of 1e-07 m is a crumb beside a cable 0.01 m thick; check the unit"
-    with pytest.raises(SceneError, match=problem):
-        lying(solids.box(0.1, 0.1, 0.1), {"obstacles.body.mesh_scale": 1e-6})
-
-
 def test_a_mesh_with_walls_that_its_cells_lose_is_told():
     place = {"obstacles.body.position": [0.0, 0.0, -0.003]}
     assert not lying(solids.box(0.4, 0.4, 0.006), place, cells=40).warnings
@@ -267,11 +261,6 @@ def test_cells_too_coarse_for_an_opening_are_said():
         assert f"raise it to {counts[1]}, or split the mesh" in line
 
 
-def test_too_few_cells_are_refused():
-    with pytest.raises(SceneError, match="mesh_cells: 7 are too few; give 8 or more, or 0"):
-        lying(solids.box(0.1, 0.1, 0.1), cells=7)
-
-
 def test_a_fall_on_a_mesh_of_few_cells_keeps_the_energy_account():
     """Its field is steeper than 1 above a wall that is thinner than two cells."""
     values = {"obstacles.body.position": [0.0, 0.0, -0.04], "damping.mass": 0.0}
@@ -303,20 +292,6 @@ def test_a_cable_that_begins_in_a_mesh_is_refused():
         solids.box(0.1, 0.1, 0.1),
         {"obstacles.body.position": [0.0, 0.0, -0.05], "obstacles.body.orientation": turned},
     )
-
-
-def test_a_mesh_is_added_and_removed_while_the_cable_runs():
-    alone = {key: value for key, value in LYING.items() if not key.startswith("obstacles")}
-    sim = simulator(alone, method="energy_momentum", step=5e-3)
-    mesh = meshes.keep_triangles(solids.box(0.3, 0.1, 0.1))
-    table = Obstacle("table", shape="mesh", mesh=mesh, position=(0.0, 0.0, -0.06), mesh_cells=24)
-    sim.add_obstacles([table])
-    sim.advance(1.0)
-    weight = sim.scene.cable.mu * 0.2 * 9.81
-    assert sim.contact("table").force[2] == pytest.approx(weight, rel=1e-2)
-    sim.remove_obstacles(["table"])
-    sim.advance(0.1)
-    assert sim.centerline([0.1])[0, 2] < -0.02
 
 
 def test_the_marker_of_a_mesh_names_its_file(tmp_path):
@@ -378,26 +353,6 @@ def test_names_that_stand_for_no_mesh_are_refused(tmp_path, mesh, problem):
     with pytest.raises(SceneError, match=f"obstacles.body.mesh: .*{problem}") as error:
         simulator(LYING, {"obstacles.body.mesh": mesh})
     assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("kind", ["stl", "obj", "ply"])
-def test_text_in_another_encoding_is_read(tmp_path, kind):
-    """Names and comments, as older programs write them; no library has to guess which it is."""
-    box = solids.box(0.3, 0.2, 0.1)
-    name, comment = "Gehäuse".encode("latin-1"), "# Gehäuse\n".encode("latin-1")
-    content = {
-        "stl": solids.ascii_stl(box).replace(b"body", name),
-        "obj": comment + solids.files(box, "obj"),
-        "ply": trimesh.Trimesh(**trimesh.triangles.to_kwargs(box)).export(
-            file_type="ply", encoding="ascii"
-        ),
-    }[kind]
-    if kind == "ply":
-        content = content.replace(b"\nelement", b"\ncomment " + name + b"\nelement", 1)
-    (tmp_path / f"body.{kind}").write_bytes(content)
-    assert "charset_normalizer" not in sys.modules
-    assert len(meshes.triangles_of(body_of(tmp_path, f"body.{kind}"))) == len(box)
-    assert "charset_normalizer" not in sys.modules
 
 
 def test_a_small_mesh_has_a_small_grid():

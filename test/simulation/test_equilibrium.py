@@ -1,8 +1,9 @@
 """Cables that start at rest, against boundary value problems, motion, and themselves elsewhere."""
 
-import everyday_scenes
 import numpy as np
 import pytest
+from cables import move
+from corpus import draw_at_rest
 from scipy.integrate import solve_bvp
 
 from dlo_sim.core.end_motion import EndMotion
@@ -131,15 +132,6 @@ def test_planar_shapes_and_end_loads_solve_the_boundary_value_problem(name):
     assert abs(turn[1] - moment) < tolerance * weight * length
 
 
-def test_close_grippers_rest_with_the_loads_of_a_shooting_solution():
-    """Values of a shooting program of another author, two grippers 0.2 m apart."""
-    sim = Simulator(TWO.with_values({"end.position": [0.2, 0.0, 0.5]}))
-    force, moment = sim.reaction("start")
-    assert force == pytest.approx([0.0064, 0.0, 0.1595], abs=1e-4)
-    assert moment[1] == pytest.approx(-0.00640, abs=2e-5)
-    assert 0.5 - sim.centerline(SHARES)[:, 2].min() == pytest.approx(0.4466, abs=2e-4)
-
-
 @pytest.mark.parametrize("place", PLACES[1:], ids=["10 km", "4500 km"])
 def test_a_cable_far_from_the_origin_is_the_one_at_the_origin_moved(place):
     """Shape at rest and in motion, to 1e-8 m; loads to 1e-8 N."""
@@ -151,14 +143,7 @@ def test_a_cable_far_from_the_origin_is_the_one_at_the_origin_moved(place):
         }
         sim = Simulator(TWO.with_values(ends))
         first = sim.control_points[:, :3] - away
-        motion = EndMotion(
-            start=0.0,
-            duration=0.2,
-            position=sim.end_pose("end")[0],
-            orientation=[0.0, 0.0, 0.0, 1.0],
-            velocity=[-0.2, 0.1, 0.1],
-        )
-        sim.set_motion("end", motion)
+        move(sim, "end", 0.2, velocity=[-0.2, 0.1, 0.1])
         assert sim.advance(0.2).status.ok
         parts = first, sim.centerline(SHARES) - away, sim.control_points[:, :3] - away
         found.append([*parts, *sim.reaction("start"), sim.tension(SHARES)])
@@ -218,41 +203,18 @@ def test_motions_and_saved_places_far_away_are_in_the_world():
     assert longer.control_points[0, :3] == pytest.approx([x, 0.0, 0.5], abs=1e-9)
 
 
-NOTHING_HELD = {
-    **{"start.fixed": [False] * 3, "end.fixed": [False] * 3, "start.clamped": False},
-    **{"end.clamped": False, "start.pose_topic": "", "end.pose_topic": ""},
-}
-GUIDED = {
-    **{"start.fixed": [True, True, False], "end.fixed": [True, True, False]},
-    **{"start.clamped": False, "end.clamped": False},
-}
-RATTLE = {"integrator.method": "rattle", "damping.stiffness": 0.0}
+FREE_ENDS = {"start.clamped": False, "end.clamped": False}
+NOTHING_HELD = FREE_ENDS | {"start.fixed": [False] * 3, "end.fixed": [False] * 3}
+NOTHING_HELD |= {"start.pose_topic": "", "end.pose_topic": ""}
+GUIDED = FREE_ENDS | {f"{end}.fixed": [True, True, False] for end in ("start", "end")}
+STARTED, PINNED = {"initial.shape": "straight"}, {"end.fixed": [True] * 3}
+FRENET = {"terms.twist": "frenet", "integrator.method": "rk4", "damping.stiffness": 0.0}
+# Values, words, cures.
 REFUSED = {
-    "free": (NOTHING_HELD, "z, where .* pull with -0.319 N", [{"initial.shape": "straight"}]),
-    "guided": (
-        GUIDED,
-        "nothing holds the cable along z",
-        [
-            {"initial.shape": "straight"},
-            {"end.fixed": [True, True, True], "start.fixed": [True, True, True]},
-            {"end.fixed": [True, True, True]},
-        ],
-    ),
-    "free, rattle": (NOTHING_HELD | RATTLE, "along z", [{"initial.shape": "straight"}]),
+    "free": (NOTHING_HELD, "z, where .* pull with -0.319 N", [STARTED]),
+    "guided": (GUIDED, "nothing holds the cable along z", [STARTED, PINNED]),
     "no stretch": ({"terms.stretch": "off"}, "stretching", [{"terms.stretch": "auto"}]),
-    "taut, rattle": (
-        RATTLE | {"end.position": [0.9999, 0.0, 0.5], "discretization.control_points": 13},
-        "1 m, which does not fit between its ends, 0.9999 m apart",
-        [
-            {"end.position": [0.99, 0.0, 0.5]},
-            {"integrator.method": "energy_momentum", "terms.stretch": "auto"},
-        ],
-    ),
-    "frenet": (
-        {"terms.twist": "frenet", "integrator.method": "rk4", "damping.stiffness": 0.0},
-        "frenet; use straight",
-        [{"initial.shape": "straight"}],
-    ),
+    "frenet": (FRENET, "frenet; use straight", [STARTED]),
 }
 
 
@@ -275,22 +237,10 @@ def test_a_shape_that_is_not_found_is_refused_and_can_be_started_straight(monkey
     assert Simulator(TWO.with_values({"initial.shape": "straight"})).advance(0.1).status.ok
 
 
-def test_everyday_scenes_start_in_stable_shapes_at_rest():
-    """Among those beyond the first are natural shapes that twist the cable most."""
-    outcomes = [everyday_scenes.run_seed(seed) for seed in (*range(80), 154, 166, 174, 262)]
-    wrong = [(one.seed, one.kind, one.problem) for one in outcomes if one.problem]
-    assert wrong == []
+STIFF = {"cable.youngs_modulus": 2e8, "end.position": [0.5, 0.0, 0.55], "terms.twist": "off"}
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"end.position": [0.3, 0.0, 0.6]},
-        {"end.position": [0.3, 0.0, 0.5]},
-        {"cable.youngs_modulus": 2e8, "end.position": [0.5, 0.0, 0.55], "terms.twist": "off"},
-    ],
-    ids=["soft", "level", "stiff"],
-)
+@pytest.mark.parametrize("values", [{"end.position": [0.3, 0.0, 0.6]}, STIFF])
 def test_grippers_that_move_together_from_the_straight_cable_end_in_the_same_shape(values):
     """A push to the side shows whether they rest: the stiff cable leaves the plane, in which it
     would stay for ever without one.
@@ -305,14 +255,7 @@ def test_grippers_that_move_together_from_the_straight_cable_end_in_the_same_sha
     for name, end in goal.scene.ends.items():
         straight[f"{name}.tangent"] = list(end.tangent)
     sim = Simulator(TWO.with_values(straight))
-    move = EndMotion(
-        start=0.0,
-        duration=4.0,
-        position=begin,
-        orientation=[0.0, 0.0, 0.0, 1.0],
-        velocity=(there - begin) / 4.0,
-    )
-    sim.set_motion("end", move)
+    move(sim, "end", 4.0, velocity=(there - begin) / 4.0)
     assert sim.advance(4.0).status.ok
     sim.set_load("push", force=[0.0, 0.02, 0.0])
     assert sim.advance(2.0).status.ok
@@ -357,11 +300,11 @@ def test_a_natural_curvature_against_the_sag_rests_beside_the_plane():
 
 def test_a_refusal_of_few_control_points_asks_for_the_number_that_finds_a_shape():
     """A rope of 0.62 m between grippers 26 mm apart, turned by half a radian."""
-    values = everyday_scenes.draw_scene(1700)[1]
-    with pytest.raises(SceneError, match="9 control points, too few .* to 0, which chooses"):
-        Simulator(load_scene(values | {"discretization.control_points": 9}))
+    values = draw_at_rest(1700).values
+    with pytest.raises(SceneError, match="13 control points, too few .* to 0, which chooses"):
+        Simulator(load_scene(values))
     sim = Simulator(load_scene(values | {"discretization.control_points": 0}))
-    assert sim.advance(1.0).status.ok
+    assert sim.advance(0.1).status.ok
 
 
 BETWEEN = {
@@ -490,12 +433,3 @@ def test_a_first_shape_inside_of_something_is_said(monkeypatch):
     monkeypatch.setattr(statics._FirstShape, "_fault", lambda self: 0.5)
     with pytest.warns(UserWarning, match=r"0\.5 diameters deep in an obstacle or in itself; raise"):
         Simulator(load_scene(DOWN))
-
-
-def test_everyday_scenes_above_a_table_start_outside_of_it_and_of_themselves():
-    """They are stable, at rest, in nothing deeper than a tenth of the diameter and do not cross
-    themselves. Of 100, a nylon that is stiffer than its control points follow over an edge is not.
-    """
-    seeds = range(16)
-    outcomes = [everyday_scenes.run_seed(seed, table=True) for seed in seeds]
-    assert [(one.seed, one.kind, one.problem) for one in outcomes if one.problem] == []

@@ -111,15 +111,6 @@ def test_time_error(name, changes):
     assert estimate.largest.time == pytest.approx(true, rel=0.11)
 
 
-def test_short_explicit_step_errs_far_less_in_time_than_in_space():
-    simulator = Simulator(shipped("paper_wire"))
-    estimate = ErrorEstimate(simulator)
-    points = run("paper_wire", estimate, simulator)
-    fine = finer(simulator, 4, 1)
-    assert estimate.largest.time == 0.0  # not told apart
-    assert distance(points, run("paper_wire", fine, fine)) < 0.01 * estimate.largest.space
-
-
 def test_simulator_is_not_disturbed_and_cuts_do_not_matter():
     first = Simulator(
         shipped("two_grippers", discretization__control_points=41, discretization__knots="uniform")
@@ -168,41 +159,6 @@ def test_companions_continue_from_the_present_state():
     continued = ErrorEstimate.continued(running.reconfigured(scene))
     assert continued.recent.time == 0.0
     assert continued.recent.space < 0.1 * placed.recent.space
-
-
-def test_companions_that_come_in_the_middle_of_motions_follow_them():
-    scene = shipped("two_grippers").with_values({"discretization.control_points": 13})
-    alone, running = Simulator(scene), Simulator(scene)
-    position, orientation = running.end_pose("end")
-    moving = {"velocity": [-0.2, 0.0, 0.1], "acceleration": [0.2, 0.0, 0.2]}
-    turning = {"angular_velocity": [0.0, 1.0, 0.0], "angular_acceleration": [0.0, 4.0, 0.0]}
-    changes = moving | turning
-    for simulator in (alone, running):
-        count, step = round(0.2 / simulator.step), simulator.step
-        pose = {"position": position, "orientation": orientation}
-        motion = EndMotion(start=0.0, duration=2.0 * count * step, **pose, **changes)
-        simulator.set_motion("end", motion)
-        simulator.set_motion("end", motion.then(count * step, acceleration=[0.0, 0.0, -0.2]))
-        simulator.advance_steps(count)
-    estimate = ErrorEstimate.continued(running)
-
-    def ends_meet() -> None:
-        for one in estimate.companions:
-            poses = zip(one.simulator.end_pose("end"), running.end_pose("end"), strict=True)
-            for own, of_original in poses:
-                np.testing.assert_allclose(own, of_original, atol=1e-12)
-
-    for one in (estimate, alone):
-        assert one.advance_steps(2 * count).status.ok
-    ends_meet()
-    np.testing.assert_array_equal(running.control_points, alone.control_points)
-    position, orientation = running.end_pose("end")
-    pose = {"position": position, "orientation": orientation}
-    onward = EndMotion(start=running.time, duration=count * step, **pose, **changes)
-    estimate.set_motion("end", onward)
-    assert estimate.advance_steps(count).status.ok
-    ends_meet()
-    assert 0.0 < estimate.recent.total < 0.1  # today 0.04: few control points
 
 
 # A cable of 1.2 m hangs from a clamp; in its middle a gripper holds it clamped and turned upwards.
@@ -296,24 +252,6 @@ def test_failure_of_a_companion_is_told_and_does_not_stop_the_simulator():
     assert "finer run failed" in estimate.recent.unknown
     estimate.reset()
     assert math.isfinite(estimate.recent.total)
-
-
-def test_a_companion_that_failed_stops_no_gripper():
-    estimate = ErrorEstimate(Simulator(shipped("two_grippers")))
-    estimate.companions[1].simulator.cable.x[0, 5] = np.nan
-    simulator = estimate.simulator
-    for _ in range(3):
-        position, orientation = estimate.end_pose("end")
-        motion = EndMotion(
-            start=simulator.time,
-            duration=20 * simulator.step,
-            position=position,
-            orientation=orientation,
-            velocity=[0.5, 0.0, 0.0],
-        )
-        estimate.set_motion("end", motion)
-        assert estimate.advance_steps(20).status.ok
-    assert "finer run failed" in estimate.recent.unknown
 
 
 def test_recording_reports_the_estimate_unless_it_is_off():

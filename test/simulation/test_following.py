@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
-from cables import SOFT, scene_of, simulator
+from cables import SOFT, move, scene_of, simulator
 
 from dlo_sim.core import rotations
-from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.simulation.following import on_grid
 from dlo_sim.simulation.simulator import Simulator
 
 STEP = 5e-3
 GRASP = {
     "terms.out_of_plane": "on",
+    "terms.twist": "quasistatic",
     "grasps.names": ["hand"],
     "grasps.hand.at": 0.6,
     "grasps.hand.position": [0.55, 0.05, -0.05],
@@ -20,9 +20,9 @@ GRASP = {
 }
 
 
-def held(method="energy_momentum", step=STEP):
+def held():
     cable = {key: value for key, value in SOFT.items() if not key.startswith("loads.")}
-    return simulator(cable, GRASP, method=method, step=step)
+    return simulator(cable, GRASP, method="energy_momentum", step=STEP)
 
 
 def poses(sim, times):
@@ -47,15 +47,7 @@ def test_it_is_what_single_motions_and_steps_are():
         for name, path in paths.items():
             (p0, q0), (p1, q1) = ((row[:3], row[3:]) for row in path[k : k + 2])
             turn = rotations.to_rotation_vector(rotations.multiply(q1, rotations.conjugate(q0)))
-            motion = EndMotion(
-                start=other.time,
-                duration=STEP,
-                position=p0,
-                orientation=q0,
-                velocity=(p1 - p0) / STEP,
-                angular_velocity=turn / STEP,
-            )
-            other.set_motion(name, motion)
+            move(other, name, STEP, velocity=(p1 - p0) / STEP, angular_velocity=turn / STEP)
         other.advance_steps(1)
         assert points[k] == pytest.approx(other.control_points, abs=1e-11)
     assert np.abs(points[-1] - points[0]).max() > 0.05
@@ -159,8 +151,9 @@ def test_samples_outside_the_advance_or_not_rising_are_refused(samples):
 
 
 def test_explicit_methods_refuse():
+    sim = simulator(SOFT, method="velocity_verlet", step=5e-4)
     with pytest.raises(ValueError, match="^integrator.method: velocity_verlet follows no poses"):
-        simulator(SOFT, method="velocity_verlet", step=5e-4).follow([0.0, 0.1], {}, [0.1])
+        sim.follow([0.0, 0.1], {}, [0.1])
 
 
 def test_a_short_interval_does_not_swing_through_the_long_one():

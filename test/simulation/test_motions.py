@@ -104,23 +104,6 @@ def test_pieces_snapshots_and_copies_give_the_same_bits():
     assert np.allclose(pieces.control_points[0, :3], 0.0, atol=1e-12), "reset drops what waits"
 
 
-def test_a_split_of_one_motion_changes_little():
-    """A motion cut into pieces of odd lengths is the same path: the error is that of the method."""
-    whole, cut = cable(), cable()
-    position, orientation = whole.end_pose("start")
-    pose = {"position": position, "orientation": orientation}
-    motion = EndMotion(start=0.0, duration=0.06, **pose, acceleration=[3.0, 0.0, 2.0])
-    whole.set_motion("start", motion)
-    piece = EndMotion(start=0.0, duration=0.0071, **pose, acceleration=[3.0, 0.0, 2.0])
-    while piece.end < 0.06:
-        cut.set_motion("start", piece)
-        piece = piece.then(0.0071, acceleration=piece.acceleration)
-    whole.advance(0.056)
-    cut.advance(0.056)
-    assert np.abs(cut.control_points - whole.control_points)[:, :3].max() < 1e-9
-    assert np.abs(cut.velocities - whole.velocities)[:, :3].max() < 1e-7
-
-
 def test_a_new_motion_replaces_what_comes_after_its_start():
     sim = cable()
     first, second, *_ = chain(sim)

@@ -2,17 +2,14 @@
 
 import numpy as np
 import pytest
+from cables import move
 
 from dlo_sim.core import bspline
-from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scene
-from dlo_sim.scene.needs import inextensible, needs_of
+from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.simulator import Simulator
 
 YIELDING = {"plasticity.yield_curvature": 2.0, "cable.rest_curvature": [0.0]}
-TAUT = {"start.fixed": [True] * 3, "end.fixed": [True] * 3, "start.spring": [0.0] * 3}
-TAUT |= {"end.spring": [0.0] * 3}
-OPEN = {"integrator.method": "auto", "terms.stretch": "off"}
 FLAT = {"terms.out_of_plane": "off"}
 HAND = {"loads.names": ["hand"], "initial.shape": "straight"}
 WRUNG = HAND | {"loads.hand.signal": "constant", "loads.hand.torque": [0.0, 0.0, 0.1]}
@@ -28,9 +25,6 @@ def shipped(name, *more):
 @pytest.mark.parametrize(
     ("name", "term", "more", "cure"),
     [
-        ("paper_wire", "stretch", {}, "integrator.method to rattle"),
-        ("two_grippers", "stretch", {}, "not valid with damping.stiffness"),
-        ("paper_wire", "stretch", {"integrator.method": "auto"} | TAUT, "taut between fixed ends"),
         ("paper_wire", "bend", {}, "set it to auto"),
         ("paper_wire", "gravity", {}, "set it to auto"),
         ("hanging_cable", "twist", WRUNG, "set it to auto"),
@@ -55,32 +49,11 @@ def test_twist_that_is_off_warns_once_something_twists():
     sim = Simulator(shipped("hanging_cable", HAND, {"terms.twist": "off"}))
     assert sim.warnings == ()
     across = [0.0, 0.4, 0.0]
-    position, orientation = sim.end_pose("start")
-    sim.set_motion(
-        "start",
-        EndMotion(
-            start=0.0,
-            duration=0.01,
-            position=position,
-            orientation=orientation,
-            velocity=[0.1, 0.0, 0.0],
-            angular_velocity=across,
-        ),
-    )
+    move(sim, "start", 0.01, velocity=[0.1, 0.0, 0.0], angular_velocity=across)
     sim.set_load("hand", force=[0.0, 1.0, 0.0], torque=[0.0, 0.0, 0.0])
     assert sim.warnings == ()
     about_the_cable = [0.0, 0.0, 0.4]
-    sim.set_motion(
-        "start",
-        EndMotion(
-            start=0.0,
-            duration=0.01,
-            position=position,
-            orientation=orientation,
-            velocity=[0.1, 0.0, 0.0],
-            angular_velocity=about_the_cable,
-        ),
-    )
+    move(sim, "start", 0.01, velocity=[0.1, 0.0, 0.0], angular_velocity=about_the_cable)
     (warning,) = sim.warnings
     assert warning.startswith("terms.twist: off, so nothing turns")
     sim.reset()
@@ -137,17 +110,7 @@ def test_grippers_that_leave_the_plane_are_followed_in_it():
     """Position and turn of the pose, projected; the cable goes on as if nothing led across."""
     sim = Simulator(shipped("two_grippers", FLAT))
     assert len(sim.model.axes) == 2 and len(sim.notes) == 1
-    sim.set_motion(
-        "start",
-        EndMotion(
-            start=0.0,
-            duration=1.0,
-            position=[0.0, 0.0, 0.5],
-            orientation=[0.0, 0.0, 0.0, 1.0],
-            velocity=[0.1, 0.3, 0.05],
-            angular_velocity=[0.0, 0.0, 0.4],
-        ),
-    )
+    move(sim, "start", 1.0, velocity=[0.1, 0.3, 0.05], angular_velocity=[0.0, 0.0, 0.4])
     assert sim.advance(0.2).status.ok
     points = sim.control_points
     assert np.all(points[:, 1] == 0.0)
@@ -173,46 +136,3 @@ def test_a_plane_that_is_kept_against_later_inputs_warns_then():
 
 
 # -- the length ---------------------------------------------------------------------------------
-
-
-def test_stretch_off_and_method_auto_keep_the_length_by_constraints():
-    sim = Simulator(shipped("paper_wire", OPEN))
-    assert sim.method == "rattle"
-    assert "terms.stretch is off" in sim.choice.reason
-    assert "constraints keep the rest length" in sim.left_out["stretch"]
-    assert sim.notes == ()
-    named = Simulator(
-        shipped("paper_wire", {"integrator.method": "rattle", "integrator.step": sim.step})
-    )
-    for each in (sim, named):
-        assert each.advance_steps(50).status.ok
-    assert np.array_equal(sim.control_points, named.control_points)
-    assert np.abs(sim.control_points[:, 2]).max() > 1e-3
-
-
-@pytest.mark.parametrize(
-    ("name", "more"),
-    [
-        ("paper_wire", {"terms.stretch": "auto"}),
-        ("paper_wire", {"integrator.method": "forest_ruth"}),
-        ("paper_wire", TAUT),
-        ("paper_wire", {"damping.stiffness": 0.01}),
-        ("paper_wire", {"damping.air_drag": 0.01, "end.mass": 0.1}),
-        ("paper_wire", YIELDING),
-        ("paper_wire", {"terms.twist": "frenet"}),
-    ],
-)
-def test_constraints_only_where_they_are_wanted_and_can_be(name, more):
-    assert inextensible(shipped(name, OPEN))
-    assert not inextensible(shipped(name, OPEN, more))
-
-
-def test_damping_that_is_switched_off_is_nothing_against_constraints():
-    damped = OPEN | {"damping.stiffness": 0.01, "terms.damping": "off"}
-    assert inextensible(shipped("paper_wire", damped))
-
-
-def test_constraints_and_a_stretching_energy_contradict_each_other():
-    with pytest.raises(SceneError, match=r"terms\.stretch: 'on' contradicts .*rattle") as refusal:
-        Simulator(shipped("paper_wire", {"integrator.method": "rattle", "terms.stretch": "on"}))
-    assert "\n" not in str(refusal.value)

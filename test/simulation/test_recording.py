@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from dlo_sim.core import bspline
-from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
 from dlo_sim.simulation import recording
 from dlo_sim.simulation.recording import record
-from dlo_sim.simulation.report import newton_note
 from dlo_sim.simulation.simulator import Simulator
 
 
@@ -106,12 +104,6 @@ def test_whole_steps_cover_a_duration_that_they_do_not_divide():
     assert np.abs(run.control_points[-1]).sum() > 0.0, "the last sample was taken"
 
 
-def test_duration_that_is_a_multiple_only_up_to_rounding():
-    run = record(wire(), 0.3, 0.1)
-    assert run.time.tolist() == [0.0, 0.1, 0.2, 3 * 0.1]
-    assert run.steps == 150
-
-
 def test_report_agrees_with_the_simulator(swinging):
     simulator = Simulator(wire())
     report = simulator.advance_steps(50)
@@ -148,20 +140,6 @@ def test_recording_and_progress_change_nothing(swinging):
     simulator = Simulator(scene)
     simulator.advance_steps(1000)
     np.testing.assert_array_equal(run.control_points[-1], simulator.control_points)
-
-
-def test_run_starts_at_time_zero_with_the_loop_that_was_compiled(monkeypatch):
-    calls: list[tuple[int, int, bool]] = []
-    advance = Simulator.advance_steps
-
-    def noted(self, steps, recorder=None):
-        calls.append((self.steps, steps, recorder is not None))
-        return advance(self, steps, recorder)
-
-    monkeypatch.setattr(Simulator, "advance_steps", noted)
-    record(wire(accuracy__estimate="off"), 0.01, 1e-3)
-    assert calls[0] == (0, 1, True)
-    assert sum(steps for _, steps, _ in calls) == 5 and all(recorded for *_, recorded in calls)
 
 
 def test_failed_run_keeps_what_was_good():
@@ -202,41 +180,6 @@ def test_a_run_of_far_too_many_newton_iterations_says_so(swinging):
     assert report.status.ok and f"{mean:.0f} iterations" in report.note
 
 
-def test_what_each_correction_teaches_saves_iterations():
-    values = {
-        "discretization.control_points": 9,
-        "integrator.method": "energy_momentum",
-        "integrator.step": 0.02,
-        "integrator.tolerance": 1e-12,
-        "discretization.stretch": "sample",  # without the span guard, which 9 points need here
-        "loads.names": ["hand"],
-        "loads.hand.position": 0.6,
-        "loads.hand.signal": "sine",
-        "loads.hand.frequency": 2.0,
-        "loads.hand.force": [0.3, 0.2, 0.1],
-    }
-    report = Simulator(load_scene(shipped_scene("two_grippers"), values)).advance(1.0)
-    assert report.status.ok
-    assert report.force_evaluations < 12.3 * report.steps  # 11.3; 14.2 with Broyden's sign wrong
-
-
-def test_a_calm_run_with_one_wild_part_says_where_it_was_wild(monkeypatch):
-    """Parts of a run are judged one by one: a long calm run does not hide a wild part."""
-    monkeypatch.setattr(recording, "_FEWEST_STEPS", 5)
-    simulator = Simulator(wire(**{"integrator__step": 1e-2}))
-    advance = simulator.advance_steps
-
-    def advance_steps(steps, recorder=None):
-        report = advance(steps, recorder)
-        wild = 10 < simulator.steps <= 15
-        return report._replace(force_evaluations=100 * steps) if wild else report
-
-    monkeypatch.setattr(simulator, "advance_steps", advance_steps)
-    made = recording.record_simulator(simulator, 0.5, 1e-2)
-    (note,) = made.notes
-    assert "in 5 of 50 steps Newton's method took 100 iterations" in note
-
-
 @pytest.mark.parametrize("cost", [1e-5, 0.03, 1.0])
 def test_a_run_looks_up_in_time_whatever_a_step_takes(monkeypatch, cost):
     """By a clock that is made up: `cost` [s] is the time of a step."""
@@ -262,15 +205,6 @@ def test_a_run_looks_up_in_time_whatever_a_step_takes(monkeypatch, cost):
     assert np.diff(looks, prepend=0.0).max() <= max(0.2, cost)
     assert (len(looks) < 20) == (cost == 1e-5), "quick steps are done many at a time"
     assert told == [] if cost == 1e-5 else told[0] <= max(0.2, cost)
-
-
-def test_iterations_are_counted_per_sub_step_and_of_newton_alone():
-    composed = METHODS["energy_momentum_4"]
-    assert newton_note(composed, 1e-3, 10, 10 * 5 * 20, False) == ""
-    assert "21 iterations per sub-step" in newton_note(composed, 1e-3, 10, 10 * 5 * 21, False)
-    assert newton_note(METHODS["rk4"], 1e-3, 10, 1000, False) == ""
-    touching = METHODS["energy_momentum"], 1e-3, 10
-    assert newton_note(*touching, 400, True) == "" != newton_note(*touching, 410, True)
 
 
 def test_an_interrupted_run_keeps_what_it_has():

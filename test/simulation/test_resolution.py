@@ -2,12 +2,12 @@
 
 import math
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from cables import scene_of
-from everyday_motions import EVERYDAY, Everyday, checked
-from everyday_scenes import draw_scene
+from corpus import EVERYDAY, checked, draw_at_rest
 
 from dlo_sim.batch.batch import simulate_batch
 from dlo_sim.core import bspline
@@ -16,9 +16,8 @@ from dlo_sim.simulation.recording import record
 from dlo_sim.simulation.resolution import FEWEST, MOST, resolved
 from dlo_sim.simulation.simulator import Simulator
 
-BY_NAME = {everyday.name: everyday for everyday in EVERYDAY}
 OPEN = {"discretization.control_points": 0, "discretization.knots": "auto"}
-ROPE = BY_NAME["rope, level clamp"].values
+ROPE = EVERYDAY["rope, level clamp"].values
 NUMBER = "discretization.control_points"
 
 
@@ -30,7 +29,7 @@ def number_of(scene):
     "name", ["soft, turn in space", "rope, level clamp", "tube, between", "hose, hanging"]
 )
 def test_everyday_motions_are_as_accurate_as_asked(name):
-    found = checked(BY_NAME[name])
+    found = checked(EVERYDAY[name])
     assert found.true < 1e-3, found
     assert found.true < 1.3 * found.estimated < 1.3e-3, found
     assert not found.advice
@@ -38,8 +37,8 @@ def test_everyday_motions_are_as_accurate_as_asked(name):
 
 def test_a_cable_of_100_m():
     """13 equal spans are 0.89 m off, and the report says so."""
-    long = BY_NAME["long cable"]
-    found = checked(Everyday(long.name, long.values, 2.0, long.moves))
+    long = EVERYDAY["long cable"]
+    found = checked(replace(long, seconds=1.0))
     assert found.true < 0.3e-3 and not found.advice, found
 
 
@@ -53,7 +52,7 @@ def test_a_cable_of_100_m():
     ],
 )
 def test_what_is_too_coarse_is_told_with_a_setting_that_does(name, changes, key):
-    found = checked(BY_NAME[name], changes)
+    found = checked(EVERYDAY[name], changes)
     assert found.true > 1e-3, "too coarse indeed"
     assert 0.7 * found.true < found.estimated < 3.0 * found.true
     assert key in found.advice and "exceeds accuracy.target 0.001 m" in found.advice
@@ -62,7 +61,7 @@ def test_what_is_too_coarse_is_told_with_a_setting_that_does(name, changes, key)
 
 def test_a_load_between_the_ends_is_told_where_it_resonates():
     """Most is chosen by equal spans that resolve the kink; what is left is told."""
-    found = checked(BY_NAME["soft, sway"])
+    found = checked(EVERYDAY["soft, sway"])
     assert found.good and (found.true < 1e-3 or found.advice), found
 
 
@@ -173,15 +172,14 @@ def test_bounds():
 @pytest.mark.parametrize("seed", [60, 471, 555, 570])
 def test_a_scene_that_wants_more_than_can_be_given_gets_the_most(seed):
     """100 m of thin soft cable or hose between two grippers: thousands would be needed."""
-    _, values = draw_scene(seed)
-    scene, why = resolved(scene_of(values, OPEN))
+    scene, why = resolved(scene_of(draw_at_rest(seed).values, OPEN))
     assert scene.discretization.control_points == MOST
     assert "250 control points: the most that are chosen, accuracy.target 0.001 m wants" in why
     assert int(why.split()[-1]) > 2000
 
 
 def test_what_the_most_control_points_miss_is_told():
-    scene = scene_of(draw_scene(555)[1], OPEN)
+    scene = scene_of(draw_at_rest(555).values, OPEN)
     done = record(scene, 0.02, 0.02)
     assert done.ok and np.isfinite(done.control_points).all()
     assert done.error_estimate["total"] > 5.0 * scene.accuracy.target
@@ -211,11 +209,6 @@ def test_samples_of_a_uniform_quadrature_bound_the_number():
 def test_what_bends_the_cable_more_sharply_needs_more(finer, changes):
     usual, other = (number_of(scene_of(ROPE, OPEN, more)) for more in ({}, changes))
     assert (other > usual) is finer and other != usual
-
-
-def test_without_weight_or_bending_a_number_is_found_too():
-    for off in ({"gravity": [0.0, 0.0, 0.0]}, {"terms.bend": "off"}, {"terms.gravity": "off"}):
-        assert FEWEST <= number_of(scene_of(ROPE, OPEN, off)) < 30
 
 
 def test_poses_do_not_change_the_number():

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from cables import simulator
-from everyday_motions import swing
+from corpus import draw_swing
 
 from dlo_sim.core.methods import IMPLICIT, METHODS, RUNGE_KUTTA, SPLITTING, ZHAI
-from dlo_sim.scene import terms
-from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
+from dlo_sim.scene import description
+from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scene
 from dlo_sim.simulation.selection import less_work
 from dlo_sim.simulation.simulator import Simulator
 
@@ -78,11 +78,11 @@ def test_a_soft_cable_gets_an_implicit_method(modulus):
 @pytest.mark.parametrize(("seed", "status"), [(1, "DIVERGED"), (14, "UNRESOLVED"), (8, "OK")])
 def test_an_explicit_swing_is_right_or_said(seed, status):
     """At the chosen share of the limit at rest these gain energy: 50 %, 11 % and 0.7 %."""
-    sim = Simulator(swing(seed).scene({"integrator.method": "velocity_verlet"}))
+    sim = Simulator(scene_from_values(draw_swing(seed, "velocity_verlet").values))
     report = sim.advance(10.0)
     assert report.status.name == status
     assert "or energy_momentum" in (report.message or sim.warnings[0])
-    right = Simulator(swing(5).scene({"integrator.method": "velocity_verlet"}))
+    right = Simulator(scene_from_values(draw_swing(5, "velocity_verlet").values))
     assert right.advance(1.0).status.ok and not right.warnings
 
 
@@ -99,55 +99,6 @@ def test_stiffness_damping_against_what_needs_an_explicit_method(method):
     assert (sim.method, sim.choice.reason[:18]) == ("velocity_verlet", "terms.twist frenet")
 
 
-GROUND = {"obstacles.names": ["ground"], "obstacles.ground.position": [0.0, 0.0, -1.0]}
-HAND = {"grasps.names": ["hand"], "grasps.hand.position": [0.5, 0.0, 0.0]}
-TURNS = {"start.tangent_spring": 1.0, "start.roll_spring": 1.0}
-
-
-@pytest.mark.parametrize("method", ["forest_ruth", "velocity_verlet", "rk4", "zhai"])
-@pytest.mark.parametrize(
-    ("values", "asked"),
-    [
-        (GROUND, "terms.contact auto (obstacle ground)"),
-        ({"contact.markers": 2}, "terms.contact auto (contact.markers)"),
-        ({"contact.self": "on"}, "contact.self on"),
-        (HAND, "grasps.names hand"),
-        (HAND | {"grasps.hand.slides": True}, "slides of grasp hand"),
-        ({"water.density": 1000.0, "water.level": 0.0}, "water.density 1000"),
-        ({"water.density": 1000.0, "terms.damping": "off"}, "water.density 1000"),
-        ({"hose.pressure": 1e5, "hose.bore": 1e-3}, "hose.pressure 100000"),
-        ({"cable.rest_curvature": [1.0, 2.0]}, "cable.rest_curvature [1.0, 2.0]"),
-        ({"terms.twist": "bishop"}, "terms.twist bishop"),
-        ({"terms.twist": "quasistatic"}, "terms.twist quasistatic"),
-        (TURNS, "roll_spring 1"),
-        ({"damping.bend": 0.1}, "damping.bend 0.1"),
-        ({"measured.type": "point_cloud"}, "measured.type point_cloud"),
-    ],
-    ids=lambda value: value if isinstance(value, str) else "",
-)
-def test_what_explicit_methods_do_not_know_is_refused(method, values, asked):
-    with pytest.raises(SceneError) as caught:
-        chosen(values, method=method, step=1e-6)
-    line = f"integrator.method: {method} is not valid with {asked}"
-    assert str(caught.value).startswith(line) and "; use energy_momentum, or " in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_explicit_methods_know_the_cable_of_the_paper():
-    """Ends that are clamped, sprung and moved; loads, weight, plastic bending, outer damping."""
-    held = {"start.clamped": True, "end.fixed": [False] * 3, "end.spring": [9.0] * 3}
-    moved = {"start.pose_topic": "/left", "plasticity.yield_curvature": 5.0, "start.jaw": 0.1}
-    moved |= {
-        "loads.names": ["tip"],
-        "loads.tip.signal": "sine",
-        "loads.tip.force": [0.0, 1.0, 0.0],
-    }
-    for method in terms.EXPLICIT:
-        damped = {} if method == "forest_ruth" else {"damping.mass": 1.0, "damping.air_drag": 0.1}
-        sim = chosen(held, moved, damped, method=method)
-        assert sim.advance_steps(20).status.ok
-
-
 def test_a_plastic_cable_has_explicit_and_implicit_methods():
     slipping = {"plasticity.yield_curvature": 2.0}
     assert chosen(slipping, {"damping.stiffness": 0.01}).method == "energy_momentum"
@@ -157,27 +108,15 @@ def test_a_plastic_cable_has_explicit_and_implicit_methods():
 def test_scenes_and_methods_agree_on_which_methods_can_damp():
     """The scene names methods that the table of methods describes."""
     kinds = {
-        terms.EXPLICIT: [
+        description.EXPLICIT: [
             one for one in METHODS.values() if one.family in (SPLITTING, RUNGE_KUTTA, ZHAI)
         ],
-        terms.IMPLICIT: [one for one in METHODS.values() if one.family == IMPLICIT],
-        terms.FORWARD: [one for one in METHODS.values() if one.stiffness_damping],
-        terms.SINGLE: [one for one in METHODS.values() if one.mass_damping],
+        description.IMPLICIT: [one for one in METHODS.values() if one.family == IMPLICIT],
+        description.FORWARD: [one for one in METHODS.values() if one.stiffness_damping],
+        description.SINGLE: [one for one in METHODS.values() if one.mass_damping],
     }
     for names, methods in kinds.items():
         assert set(names) == {one.name for one in methods}
-
-
-def test_negative_steps_with_damping_are_refused():
-    with pytest.raises(
-        SceneError, match="forest_ruth is not valid with damping.mass 1, .* sub-steps"
-    ):
-        chosen({"damping.mass": 1.0}, method="forest_ruth", step=1e-4)
-
-
-def test_a_method_that_is_gone_is_refused_with_another_to_use():
-    with pytest.raises(SceneError, match="^[^\n]*'generalized_alpha'[^\n]*; use energy_momentum"):
-        chosen({}, method="generalized_alpha", step=1e-3)
 
 
 def test_damping_that_thins_has_one_method(method="implicit_midpoint"):

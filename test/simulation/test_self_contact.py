@@ -4,17 +4,14 @@ import warnings
 
 import numpy as np
 import pytest
-from cables import scene_of, simulator
+from cables import move, simulator
 
 from dlo_sim import Plan
-from dlo_sim.core import bspline, mass, rotations
-from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.scene.loading import SceneError
+from dlo_sim.core import bspline, mass
 from dlo_sim.session import cdr
 from dlo_sim.session.outputs import Outputs
 from dlo_sim.session.topics import CONTACTS
 from dlo_sim.simulation import self_contact
-from dlo_sim.simulation.selection import is_implicit
 from dlo_sim.studies.strands import linked, plectoneme
 
 DIAMETER, COUNT = 0.005, 26
@@ -106,15 +103,8 @@ def pulled_apart(sim, points):
     """The same simulator, whose ends go on at 0.2 m/s, away from each other."""
     out = points[-1] - points[0]
     out *= 0.2 / np.linalg.norm(out)
-    for name, place, way in (("start", points[0], -out), ("end", points[-1], out)):
-        motion = EndMotion(
-            start=0.0,
-            duration=1.0,
-            position=place,
-            orientation=rotations.IDENTITY,
-            velocity=way,
-        )
-        sim.set_motion(name, motion)
+    for name, way in (("start", -out), ("end", out)):
+        move(sim, name, 1.0, velocity=way)
     return sim
 
 
@@ -152,15 +142,6 @@ def test_strands_that_collide_keep_momentum_and_account(friction):
     assert (lost > 1e-5) if friction else (lost == 0.0)
     assert sim.cable.account.crossed == 0.0
     assert sim.clearance_to_itself > -DIAMETER
-
-
-def test_bristles_of_contacts_that_end_are_counted():
-    """Steps so long that contacts jump away from segments on which they rubbed."""
-    rough = {"contact.friction": 0.3, "contact.damping": 0.0, "integrator.tolerance": 1e-11}
-    sim = thrown(rough, {"cable.bending_stiffness": 1e-4}, step=1e-3)
-    assert sim.advance(0.1).status.ok
-    assert sim.energy_error < 1e-7
-    assert float(sim.cable.account.dissipated) > 1e-4
 
 
 def test_only_contact_keeps_strands_from_passing():
@@ -278,14 +259,7 @@ def squeezed(speed):
         warnings.simplefilter("ignore")  # that what is held is moved by 0.1 mm
         held = {"contact.friction": 0.2, "grasps.c.taken": False}
         sim, _ = along(path, HELD, DAMPED, grasps, held)
-    motion = EndMotion(
-        start=0.0,
-        duration=0.1,
-        position=sim.end_pose("a")[0],
-        orientation=rotations.IDENTITY,
-        velocity=[0.0, 0.0, -speed],
-    )
-    sim.set_motion("a", motion)
+    move(sim, "a", 0.1, velocity=[0.0, 0.0, -speed])
     assert sim.advance(0.1).status.ok
     return sim
 
@@ -331,18 +305,6 @@ def test_strands_that_grippers_squeezed_part_slowly():
     assert np.abs(sim.velocities).max() < 4.0
     assert sim.clearance_to_itself > -0.01 * DIAMETER
     assert sim.energy_error < 1e-6
-
-
-def test_there_is_room_for_all_pairs_of_a_spiral():
-    """Each strand lies between two others."""
-    angle = np.linspace(0.0, 8.0 * np.pi, 4000)
-    out = 0.01 + DIAMETER * angle / (2.0 * np.pi)
-    spiral = np.stack((out * np.cos(angle), 0.0 * angle, out * np.sin(angle)), axis=1)
-    sim, _ = along(spiral, HELD, {"cable.bending_stiffness": 1e-5, "terms.out_of_plane": "off"})
-    assert sim.advance(0.001).status.ok
-    pairs, segments = float(sim.cable.account.pairs), int(sim.cable.arrays.chain.segments)
-    assert pairs > 5.0 * (COUNT - 3) * segments
-    assert sim.cable.account.pairs_lost == 0.0
 
 
 def test_linked_loops_bear_the_tension_of_their_legs():
@@ -424,39 +386,3 @@ def test_a_loop_that_crosses_itself_is_seen_with_one_span(points, found):
     place = np.linalg.lstsq(basis, path, rcond=None)[0]
     nearest = self_contact.nearest(sim.model, place, DIAMETER)
     assert (nearest.clearance < 0.0) == found
-
-
-def test_looks_are_spared_while_nothing_can_have_come_near(monkeypatch):
-    """The strands of the hairpin approach each other until they overlap: the same is found."""
-    sim, points = along(hairpin(), FREE)
-    found, calls, nearest = [], [], self_contact.nearest
-    monkeypatch.setattr(
-        self_contact, "nearest", lambda *a, **k: calls.append(1) or nearest(*a, **k)
-    )
-    for moved in (self_contact.MOVED, 0.0):  # with 0 none is spared
-        monkeypatch.setattr(self_contact, "MOVED", moved)
-        calls.clear()
-        watch = self_contact.Watch()
-        for k in range(125):
-            x = points * (1.0, 1.0 - k / 330.0, 1.0)
-            watch.look(sim.model, x.T, DIAMETER, 0.01 * k)
-        found.append((watch.looks, watch.close, watch.first, watch.least.clearance, len(calls)))
-    assert found[0][:4] == found[1][:4]
-    assert found[0][1] > 5
-    assert found[0][4] < 0.5 * found[0][0]
-    assert found[1][4] == found[1][0]
-
-
-@pytest.mark.parametrize("method", ["velocity_verlet", "rattle", "energy_momentum_4"])
-def test_methods_without_it_are_refused(method):
-    with pytest.raises(SceneError, match=f"{method} is not valid with contact.self on"):
-        simulator(CABLE, {"end.position": [0.5, 0.0, 0.0]}, method=method)
-
-
-def test_a_cable_that_begins_inside_itself_is_refused():
-    with pytest.raises(SceneError, match="contact.self: the cable begins 0.004 m inside itself"):
-        simulator(CABLE, HELD, {"end.position": [0.001, 0.0, 0.0]}, step=1e-3)
-
-
-def test_auto_chooses_an_implicit_method():
-    assert is_implicit(scene_of(CABLE, {"end.position": [0.5, 0.0, 0.0]}))

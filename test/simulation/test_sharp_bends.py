@@ -162,17 +162,6 @@ def test_spans_too_long_for_a_ring_are_told_with_the_number_that_does():
     assert POINTS not in "".join(cured.warnings)
 
 
-def test_a_bend_that_has_been_is_told_at_the_end_of_a_forecast():
-    """The end draws the cable round the ring and comes back."""
-    plan = round_the_guide()
-    there = plan.poses["end"]
-    times = np.append(plan.times, plan.times[-1] + plan.times[1:])
-    back = Plan(times, {"end": np.vstack([there, there[-2::-1]])})
-    found = Simulator(load_scene(DRAWN | RING | {POINTS: 30})).forecast(back)
-    assert abs(found.centerline[-1, :, 2]).max() < 0.01
-    assert cures("".join(found.warnings))[POINTS] == 253
-
-
 def test_the_settings_that_a_band_is_told_keep_it_behind_its_peg():
     """All of them together, once: control points for the tension that the grippers brought."""
     scene, plan = load_scene(BAND), past_the_peg()

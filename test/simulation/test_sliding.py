@@ -7,7 +7,6 @@ from scipy import optimize
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values
-from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.simulator import Simulator
 
 MASS, PRESSED, FRICTION = 0.03, 2.0, 0.3  # [kg/m], [N]
@@ -213,35 +212,3 @@ def test_what_has_slid_is_kept() -> None:
     simulator.set_end("start", [0.0, 0.0, 0.0])  # rows are built anew
     simulator.release("guide")
     assert simulator.held_at("guide") is None
-
-
-def test_a_guide_can_begin_where_something_else_holds() -> None:
-    held = HUNG | {"end.fixed": [True] * 3}
-    other = {"at": 0.5, "position": [0.5, 0.0, 0.0], "slides": True}
-    twice = held | {"grasps.names": ["guide", "other"]}
-    twice |= {f"grasps.other.{key}": value for key, value in other.items()}
-    for at, values in ((0.0, held), (0.5, twice), (1.0, held)):
-        simulator = Simulator(scene(values, at=at, position=[at, 0.0, 0.0]))
-        assert simulator.advance(0.05).status.ok
-        for name in simulator.slides:
-            assert simulator.held_at(name) == pytest.approx(at, abs=0.01)
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "cure"),
-    [
-        ("grasps.guide.clamped", True, "tangent_spring"),
-        ("grasps.guide.roll", True, "roll"),
-        ("grasps.guide.fixed", [True, True, False], "fixed"),
-        ("integrator.method", "velocity_verlet", "energy_momentum"),
-        ("integrator.method", "rattle", "energy_momentum"),
-    ],
-)
-def test_what_does_not_go_with_sliding_is_refused(key: str, value: object, cure: str) -> None:
-    with pytest.raises(SceneError, match=cure):
-        Simulator(scene_from_values(LYING | {key: value}))
-
-
-def test_friction_of_a_grasp_that_holds_fast_is_refused() -> None:
-    with pytest.raises(SceneError, match="does nothing for a cable held fast"):
-        scene(LYING, slides=False, grip=1.0)

@@ -5,11 +5,10 @@ import warnings
 
 import numpy as np
 import pytest
-from cables import scene_of, simulator
+from cables import move, scene_of, simulator
 
 from dlo_sim import load_scene
 from dlo_sim.core import bspline
-from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation import soundness
 from dlo_sim.simulation.recording import record
@@ -98,11 +97,7 @@ def test_few_control_points_make_no_cusp(apart, shape):
 @pytest.mark.parametrize("speed", [14.0, 19.0])
 def test_a_violent_push_leaves_no_fold(speed):
     sim = Simulator(GRIPPERS.with_values({"discretization.control_points": 13}))
-    push = {"velocity": [-speed, 0.0, 0.0], "position": [0.8, 0.0, 0.5]}
-    orientation = [0.0, 0.0, 0.0, 1.0]
-    sim.set_motion(
-        "end", EndMotion(start=0.0, duration=0.7 / speed, orientation=orientation, **push)
-    )
+    move(sim, "end", 0.7 / speed, velocity=[-speed, 0.0, 0.0])
     for _ in range(20):
         assert sim.advance(0.05).status.ok
         assert not folded(sim)
@@ -200,9 +195,7 @@ def test_grasps_nearer_than_a_span_resolves_are_refused_in_one_line(apart, clamp
 def test_grasps_a_span_apart_stretch_what_is_between_them(clamped):
     """Moved apart by 3 mm, as the refusal above advises."""
     sim = simulator(two_grasps(0.1, clamped))
-    motion = {"position": [0.6, 0.0, 0.0], "velocity": [0.03, 0.0, 0.0]}
-    orientation = [0.0, 0.0, 0.0, 1.0]
-    sim.set_motion("b", EndMotion(start=0.0, duration=0.1, orientation=orientation, **motion))
+    move(sim, "b", 0.1, velocity=[0.03, 0.0, 0.0])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert sim.advance(0.1).status.ok
@@ -221,24 +214,11 @@ def two_grasps(apart, clamped):
     return HANGING | values
 
 
-def test_ends_that_go_past_each_other_leave_a_cable():
-    sim = Simulator(GRIPPERS.with_values({"discretization.control_points": 13}))
-    way = {"position": [0.8, 0.0, 0.5], "velocity": [-1.6, 0.0, 0.0]}
-    orientation = [0.0, 0.0, 0.0, 1.0]
-    sim.set_motion("end", EndMotion(start=0.0, duration=1.0, orientation=orientation, **way))
-    assert sim.advance(1.0).status.advanced
-    assert sim.advance(3.0).status.ok
-    assert np.abs(local_stretch(sim) - 1.0).max() < 0.35
-    assert sim.energy_error < 1e-5
-
-
 @pytest.mark.parametrize("turns", [5.0, 20.0])
 def test_a_clamp_spun_across_the_axis_lets_the_cable_come_back(turns):
     """For a second; afterwards it swings, stretched by a multiple of its weight at most."""
     sim = simulator(HANGING)
-    spin = {"position": [0.0, 0.0, 0.0], "angular_velocity": [0.0, 2.0 * np.pi * turns, 0.0]}
-    orientation = [0.0, 0.0, 0.0, 1.0]
-    sim.set_motion("start", EndMotion(start=0.0, duration=1.0, orientation=orientation, **spin))
+    move(sim, "start", 1.0, angular_velocity=[0.0, 2.0 * np.pi * turns, 0.0])
     assert sim.advance(1.0).status.advanced
     assert not folded(sim)
     assert sim.advance(8.0).status.ok

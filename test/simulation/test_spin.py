@@ -3,11 +3,11 @@
 import math
 
 import pytest
+from cables import move
 
-from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.loading import load_scene, shipped_scene
-from dlo_sim.simulation.report import Status, balance_warning, explained
+from dlo_sim.simulation.report import balance_warning
 from dlo_sim.simulation.simulator import Simulator
 
 
@@ -15,15 +15,7 @@ def spun(turns, duration, **values):
     """hanging_cable, whose gripper spins from rest at so many turns per second."""
     changed = {key.replace("__", "."): value for key, value in values.items()}
     sim = Simulator(load_scene(shipped_scene("hanging_cable"), changed))
-    place, orientation = sim.end_pose("start")
-    spin = EndMotion(
-        start=0.0,
-        duration=duration,
-        position=place,
-        orientation=orientation,
-        angular_velocity=[0.0, 0.0, -2.0 * math.pi * turns],
-    )
-    sim.set_motion("start", spin)
+    move(sim, "start", duration, angular_velocity=[0.0, 0.0, -2.0 * math.pi * turns])
     return sim, sim.advance(duration)
 
 
@@ -50,13 +42,6 @@ def test_whole_turns_do_not_make_the_angle_jump(step):
     sim, report = spun(100.0, 0.3, integrator__step=step)
     assert report.status.ok, report.message
     assert sim.control_points[0, 3] == pytest.approx(60.0 * math.pi, abs=1e-6)
-
-
-def test_advice_names_another_method_only_to_those_that_are_another():
-    for method in METHODS.values():
-        text = explained(Status.DIVERGED, method)
-        assert ("energy_momentum" in text) == (method.family != "implicit")
-        assert "use a smaller integrator.step" in text and "\n" not in text
 
 
 def test_an_open_energy_balance_is_said():

@@ -79,7 +79,7 @@ def elastica(load):
     the branch with the smallest theta'(0) (Bisshopp & Drucker 1945).
     """
 
-    def shoot(bend, steps=400):
+    def shoot(bend, steps=100):
         def slope(y):
             return np.array([y[1], -load * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])])
 
@@ -105,13 +105,6 @@ def test_elastica_itself_agrees_with_the_published_table():
     for load, x, z in ((1.0, 0.056, 0.302), (4.0, 0.329, 0.670), (10.0, 0.555, 0.811)):
         found = elastica(load)
         assert np.allclose([1 - found[0], found[1]], [x, z], atol=6e-4)
-
-
-@pytest.mark.parametrize("load", [1.0, 4.0, 10.0])
-def test_large_deflection_follows_the_elastica(load):
-    exact = elastica(load)
-    found = tip({"loads.tip.force": [0.0, 0.0, load * EI]}, n=23)
-    assert np.abs(found - exact).max() < 1e-4  # [m]; stretch alone makes 2e-5
 
 
 def test_large_deflection_converges_to_the_elastica():
@@ -169,77 +162,6 @@ def test_naturally_curved_cable_rests_as_a_half_circle(curvature, z):
     assert np.allclose(sim.control_points[-1, [0, 2]], [0.0, z], atol=1e-5)
     # The constant EI kappa^2 L / 2 is left out of the energy.
     assert sim.energy().bend == pytest.approx(-0.5 * EI * np.pi**2, rel=1e-5)
-
-
-def catenary(weight, rigidity, span):
-    """Points of the elastic catenary of unit length between supports `span` apart, at 101 u.
-
-    Horizontal tension H from x(1) = H / EA + H / w (asinh(V / H) - asinh((V - w) / H)), V = w / 2
-    (Irvine, Cable Structures, 1981, ch. 1).
-    """
-    u = np.linspace(0.0, 1.0, 101)
-
-    def x(tension, at):
-        up = weight / 2
-        return tension * at / rigidity + tension / weight * (
-            np.arcsinh(up / tension) - np.arcsinh((up - weight * at) / tension)
-        )
-
-    low, high = 1e-6, 1e3
-    for _ in range(200):
-        middle = np.sqrt(low * high)
-        low, high = (middle, high) if x(middle, 1.0) < span else (low, middle)
-    root = np.hypot(high, weight / 2)
-    sag = (
-        weight * u / rigidity * (0.5 - u / 2)
-        + (root - np.sqrt(high**2 + (weight / 2 - weight * u) ** 2)) / weight
-    )
-    return u, np.stack((x(high, u), -sag), axis=1), high
-
-
-PINNED = BEAM | {
-    "start.clamped": False,
-    "end.fixed": [True, True, True],
-    "end.position": [0.8, 0.0, 0.0],
-    "gravity": [0.0, 0.0, -9.81],
-    "cable.axial_stiffness": 20.0,
-}
-
-
-def test_heavy_soft_cable_hangs_as_an_elastic_catenary():
-    u, exact, tension = catenary(0.1 * 9.81, 20.0, 0.8)
-    errors = []
-    for n in (7, 11, 19, 35):
-        sim = simulator(PINNED, {"cable.bending_stiffness": 1e-8}, n=n)
-        errors.append(np.abs(sim.centerline(u)[:, [0, 2]] - exact).max())
-    assert np.all(orders(np.array(errors)) > 2.5)
-    assert errors[-1] < 1e-6
-    force = sim.reaction("start")[0]
-    assert np.allclose(force, [-tension, 0.0, 0.1 * 9.81 / 2], rtol=0, atol=1e-4)
-
-
-@pytest.mark.parametrize(
-    "damping",
-    [{"damping.mass": 50.0}, {"damping.stiffness": 1.0}, {"damping.air_drag": 10.0}],
-    ids=lambda values: next(iter(values)),
-)
-def test_damping_does_not_change_the_shape_at_rest(damping):
-    free = simulator(PINNED, n=13).control_points
-    held = simulator(PINNED, damping, n=13)
-    assert np.abs(held.control_points - free).max() < 1e-9
-    held.advance(0.1)
-    assert np.abs(held.control_points - free).max() < 1e-9
-
-
-def test_a_damped_run_comes_to_rest_in_the_relaxed_shape():
-    """A clamped cable falls from a straight line: the same shape by time steps."""
-    values = {"start.clamped": True, "end.fixed": [False] * 3}
-    goal = simulator(PINNED, values, n=9).control_points
-    start = {"initial.shape": "straight", "damping.mass": 8.0}
-    run = simulator(PINNED, values, start, n=9, step=2e-3)
-    assert np.abs(run.control_points - goal).max() > 0.3
-    assert run.advance(8.0).status.ok
-    assert np.abs(run.control_points - goal).max() < 1e-8
 
 
 CABLES = sorted((Path(__file__).parents[2] / "config" / "cables").glob("*.yaml"))

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from cables import simulator
+from cables import move, simulator
 from numpy.polynomial import Legendre
 
-from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.simulation import buckling
 from dlo_sim.simulation.forecast import Plan
 
 # Euler's load of the clamped-free column: pi^2 EI / (4 L^2) = 0.0493 N
@@ -131,24 +129,11 @@ def test_a_load_below_a_gripper_that_drops_goes_slack():
     assert z == pytest.approx(5.292, abs=0.1)
 
 
-def test_a_cable_in_space_or_one_that_hangs_straight_is_left_alone(monkeypatch):
-    calls = []
-    growth = buckling.growth
-    monkeypatch.setattr(buckling, "growth", lambda *given: calls.append(1) or growth(*given))
-    hanging = simulator(COLUMN, {"gravity": [0.0, 0.0, 9.81], "initial.shape": "equilibrium"})
-    hanging.advance(0.1)
-    bent = pressed(3.0, **{"start.tangent": [0.6, 0.48, 0.64], "loads.tip.torque": [0.0, 0.1, 0.0]})
-    bent.advance(0.1)
-    assert not calls
-
-
 def test_a_motion_along_the_line_is_pushed_off_it_too():
     """Both ends held, one pushed towards the other."""
     ends = {"end.fixed": [True] * 3, "loads.names": []}
     values = {key: value for key, value in COLUMN.items() if not key.startswith("loads.")}
     sim = simulator(values, ends)
-    motion = {"position": [0.0, 0.0, 1.0], "velocity": [0.0, 0.0, -0.5]}
-    orientation = [0.0, 0.0, 0.0, 1.0]
-    sim.set_motion("end", EndMotion(start=0.0, duration=0.4, orientation=orientation, **motion))
+    move(sim, "end", 0.4, velocity=[0.0, 0.0, -0.5])
     assert sim.advance(0.5).status.ok
     assert np.abs(sim.control_points[:, :2]).max() > 0.1

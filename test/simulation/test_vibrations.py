@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from cables import BENT, FLAT, FREE, FULL, SOFT, Bench, set_state, simulator, straight
+from cables import FLAT, FREE, FULL, SOFT, Bench, set_state, simulator, straight
 
 from dlo_sim.core import bspline, mass
 
 EA, EI, GJ, MU, LENGTH = 60.0, 0.02, 0.015, 0.1, 1.0  # of the scene SOFT
-PINNED = {"start.clamped": False, "end.fixed": [True, True, True]}
 BETAS = (1.87510407, 4.69409113, 7.85475744)  # cos(x) cosh(x) = -1
 ZEROS = (2.40482556, 5.52007811, 8.65372791)  # of the Bessel function J0
 
@@ -46,15 +45,6 @@ def test_cantilever_bending(mode):
     assert errors[-1] < (2e-7, 8e-6, 6e-5)[mode]
 
 
-@pytest.mark.parametrize("mode", [0, 1, 2])
-def test_pinned_bending(mode):
-    """(k pi / L)^2 sqrt(EI / mu) on two hinges."""
-    exact = ((mode + 1) * np.pi / LENGTH) ** 2 * np.sqrt(EI / MU)
-    errors = relative_errors(PINNED, exact, 1, (7, 11, 19), mode)
-    assert_order(errors, 4)
-    assert errors[-1] < (1.5e-6, 2.5e-5, 1.5e-4)[mode]
-
-
 def test_free_bending():
     """No hold at all: two rigid motions, then 4.7300 (cos(x) cosh(x) = 1)."""
     found = modes(Bench(SOFT, FLAT, FREE, n=19), 2)[0]
@@ -76,7 +66,7 @@ def test_torsional_waves():
     """Wave speed sqrt(GJ / I), I = mu D^2 / 8: quarter waves from the clamp to the free end."""
     errors = []
     for n in (5, 7, 11):
-        bench = Bench(BENT, FLAT, n=n)
+        bench = Bench(FULL, FLAT, {"terms.twist": "frenet"}, n=n)
         points = straight(bench)
         stiffness = np.zeros((n, n))
         for i in range(n):
@@ -148,14 +138,14 @@ def ringing(values, axis, method, step, periods, n=8, scene=SOFT):
 )
 def test_a_run_rings_at_the_natural_frequency(axis, exact):
     values = {"start.clamped": axis == 2, "terms.out_of_plane": "on"}
-    frequency, decay, _ = ringing(values, axis, "velocity_verlet", 2e-4, 12)
+    frequency, decay, _ = ringing(values, axis, "velocity_verlet", 2e-4, 5)
     assert frequency == pytest.approx(exact, rel=5e-5)
     assert abs(decay) < 1e-6
 
 
 def test_a_run_twists_at_the_natural_frequency():
-    values = {"terms.twist": "bishop", "end.spring": [1e-12, 0, 0]}
-    frequency, decay, exact = ringing(values, 3, "energy_momentum", 2e-5, 12, scene=FULL)
+    values = {"end.spring": [1e-12, 0, 0], "terms.twist": "bishop"}
+    frequency, decay, exact = ringing(values, 3, "energy_momentum", 4e-5, 6, scene=FULL)
     assert frequency == pytest.approx(exact, rel=5e-5)
     assert abs(decay) < 1e-6
 
@@ -165,7 +155,6 @@ def test_a_run_twists_at_the_natural_frequency():
     [
         ({"damping.mass": 0.15}, "velocity_verlet"),
         ({"damping.mass": 0.15, "damping.stiffness": 1e-300}, "energy_momentum"),
-        ({"damping.air_drag": 0.015}, "velocity_verlet"),
         ({"damping.air_drag": 0.015, "damping.stiffness": 1e-300}, "energy_momentum"),
         ({"damping.mass": 1e-300, "damping.stiffness": 0.05}, "energy_momentum"),
         ({"damping.mass": 1e-300, "damping.stiffness": 0.05}, "implicit_midpoint"),
@@ -179,7 +168,7 @@ def test_a_run_decays_at_the_damping_ratio(values, method):
     """alpha / (2 omega) + beta omega / 2; drag c is an alpha of c / mu."""
     alpha = values.get("damping.mass", 0.0) + values.get("damping.air_drag", 0.0) / MU
     values = {"terms.out_of_plane": "on"} | values
-    _, found, omega = ringing(values, 2, method, 2e-3, 8)
+    _, found, omega = ringing(values, 2, method, 2e-3, 5)
     exact = 0.5 * (alpha / omega + values.get("damping.stiffness", 0.0) * omega)
     assert exact > 0.03
     assert found == pytest.approx(exact, rel=2e-3)

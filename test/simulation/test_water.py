@@ -7,8 +7,6 @@ from differences import assert_limit, central
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, root
 
-from dlo_sim.scene.loading import SceneError
-
 LENGTH, DIAMETER, DENSITY, WATER, GRAVITY = 1.0, 0.01, 1400.0, 1000.0, 9.81
 SECTION = np.pi * DIAMETER**2 / 4.0
 SUBMERGED = (DENSITY - WATER) * SECTION * GRAVITY  # weight in water [N/m]
@@ -49,13 +47,6 @@ def test_a_cable_sinks_faster_along_itself():
     np.testing.assert_allclose(sim.velocities[:, 2], -last * np.tanh(rate * 0.5), rtol=1e-4)
 
 
-def test_a_cable_of_the_density_of_water_rests():
-    sim = simulator(CABLE, {"cable.density": WATER}, step=2e-3)
-    before = sim.control_points
-    sim.advance(1.0)
-    np.testing.assert_allclose(sim.control_points, before, atol=1e-12)
-
-
 @pytest.mark.parametrize("plane", [True, False], ids=["in a plane", "in space"])
 def test_a_cable_towed_hangs_straight_at_its_critical_angle(plane):
     """Far from its held end: weight cos a = k V^2 sin^2 a, with the angle a to the current."""
@@ -79,18 +70,6 @@ def test_the_work_of_the_current_is_in_the_account():
     sim = simulator(CABLE, HELD, values, step=2e-3)
     sim.advance(1.0)
     assert sim.cable.account.exchanged > 1e-3 and sim.energy_error < 1e-8
-
-
-def test_newton_knows_the_drag():
-    """2.9 iterations a step; without the derivative of the drag 8."""
-    values = {"water.velocity": [2.0, 1.0, 0.0]}
-    sim = simulator(CABLE, HELD, values, step=2e-3)
-    assert sim.advance_steps(250).force_evaluations < 3.5 * 250
-
-
-def test_no_water_no_drag():
-    values = {"water.density": 0.0, "water.velocity": [1.0, 0.0, 0.0]}
-    assert "damping" in simulator(CABLE, values, method="velocity_verlet", step=1e-5).left_out
 
 
 def in_water(depth, radius):
@@ -182,10 +161,3 @@ def test_water_everywhere_is_an_assumption():
     ).assumptions
     assert line == "water.level: not given, so that there is water of 1000 kg/m^3 everywhere"
     assert not any("water" in line for line in scene_of(CABLE, {"water.level": 0.0}).assumptions)
-
-
-def test_a_surface_of_no_water_is_refused():
-    with pytest.raises(
-        SceneError, match="water.level: 1.0 m is the surface of no water; give water"
-    ):
-        simulator(CABLE, {"water.density": 0.0, "water.level": 1.0})
