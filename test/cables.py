@@ -7,7 +7,6 @@ import numpy as np
 
 from dlo_sim.core import bspline, mass, rotations, spectrum
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.core.methods import METHODS
 from dlo_sim.engine.arrays import CURVED, ENERGIES
 from dlo_sim.scene.loading import scene_from_values, scene_values
 from dlo_sim.scene.needs import needs_of
@@ -19,7 +18,6 @@ from dlo_sim.simulation.natural_shape import local_turn, natural_rows, turned_ro
 from dlo_sim.simulation.simulator import Simulator
 
 # Methods of the elastic cable by name.
-ELASTIC = {name: method for name, method in METHODS.items() if name != "rattle"}
 # Stretching, bending, gravity and a point load; the start is clamped along x, the end is free.
 SOFT = {
     "cable.length": 1.0,

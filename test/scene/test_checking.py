@@ -121,10 +121,6 @@ def test_impossible_value(key, value, complaint):
             "outputs.color_by: 'tension' is not known of a cable that does not stretch; give curv",
         ),
         (
-            {"outputs.color_by": "tension", "integrator.method": "rattle"},
-            "is not known of a cable that does not stretch",
-        ),
-        (
             {"outputs.color_by": "tension", "plasticity.yield_curvature": 1.0},
             "is not known of a cable that is bent at rest or plastic",
         ),

@@ -103,7 +103,6 @@ def test_what_the_model_does_not_show_is_a_warning_that_hides_no_other(estimates
         ({}, True),
         ({"discretization__stretch": "span"}, False),
         ({"discretization__quadrature": "uniform", "discretization__samples": 101}, False),
-        ({"integrator__method": "rattle"}, False),
         ({"discretization__control_points": 4}, False),
         ({"terms__bend": "off"}, False),
         ({"cable__axial_stiffness": 3.9}, False),

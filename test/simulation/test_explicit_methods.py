@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cables import ELASTIC, move
+from cables import move
 
-from dlo_sim.core.methods import IMPLICIT
+from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.simulator import Simulator
 
-EXPLICIT = [name for name, method in ELASTIC.items() if method.family != IMPLICIT]
+EXPLICIT = [name for name, method in METHODS.items() if method.family != IMPLICIT]
 
 # A soft strip, clamped at a moving gripper, with a swinging force and moment at its free end.
 NONLINEAR = {
@@ -88,7 +88,7 @@ def test_stability_limit_of_a_cable(method: str) -> None:
 
 @pytest.mark.parametrize("method", EXPLICIT)
 def test_energy_account_closes_with_load_gripper_and_damping(method: str) -> None:
-    alpha = 6.0 if ELASTIC[method].mass_damping else 0.0
+    alpha = 6.0 if METHODS[method].mass_damping else 0.0
     errors = []
     for steps in (400, 800):
         simulator = Simulator(
@@ -122,6 +122,6 @@ def test_force_evaluations_per_step() -> None:
     for method in EXPLICIT:
         simulator = Simulator(scene(integrator__method=method))
         report = simulator.advance_steps(1000)
-        per_step = ELASTIC[method].force_evaluations
+        per_step = METHODS[method].force_evaluations
         # One more for each of the parts in which a straight cable is looked at until it is bent.
         assert per_step * 1000 <= report.force_evaluations <= per_step * 1000 + 4

@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
-from cables import ELASTIC, FLAT, FREE, FULL, SOFT, scene_of, set_state, simulator
+from cables import FLAT, FREE, FULL, SOFT, scene_of, set_state, simulator
 
+from dlo_sim.core.methods import METHODS
 from dlo_sim.simulation.selection import choose
 
 DRAG = 0.05  # [N s/m^2], 0.5 1/s of the cable's 0.1 kg/m
 ALPHA = 0.3  # [1/s]
-METHOD_NAMES = [name for name, method in ELASTIC.items() if method.mass_damping]
-IMPLICIT_NAMES = [name for name in METHOD_NAMES if ELASTIC[name].family == "implicit"]
+METHOD_NAMES = [name for name, method in METHODS.items() if method.mass_damping]
+IMPLICIT_NAMES = [name for name in METHOD_NAMES if METHODS[name].family == "implicit"]
 # Everything of FULL, too weak to matter; so its machine code serves.
 WEAK = {
     "start.pose_topic": "",

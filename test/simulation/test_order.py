@@ -9,10 +9,10 @@ from functools import cache
 import numpy as np
 import pytest
 from cables import (
-    ELASTIC,
     FULL,
     FULLY_DAMPED,
     MASS_DAMPED,
+    METHODS,
     MOTIONS,
     SINE_LOAD,
     Bench,
@@ -26,7 +26,7 @@ from dlo_sim.core.methods import IMPLICIT
 DURATION = 0.08  # [s]; 5 cm and 0.35 rad of the clamp, some 10 cm of the middle
 LOAD = SINE_LOAD | {"loads.tip.position": 0.6}
 DAMPING = {"undamped": FULL, "mass": MASS_DAMPED, "all": FULLY_DAMPED}
-METHODS = list(ELASTIC.values())
+METHODS = list(METHODS.values())
 
 
 def motions(springs_move):

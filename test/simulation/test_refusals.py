@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import solids
-from cables import ELASTIC, FULL, MASS_DAMPED, SOFT, simulator
+from cables import FULL, MASS_DAMPED, SOFT, simulator
 from test_bishop import SHAFT
 from test_contact import ROD as FALLING
 from test_contact_guides import CHANNEL, RING, THREADED
@@ -132,9 +132,9 @@ def test_a_scene_is_refused(scene, changes, words):
     assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.parametrize("name", ELASTIC)
+@pytest.mark.parametrize("name", METHODS)
 def test_damping_that_a_method_does_not_admit_is_refused(name):
-    method = ELASTIC[name]
+    method = METHODS[name]
     for values, admitted in (
         (MASS_DAMPED, method.mass_damping),
         (FULL | {"damping.stiffness": 2e-3}, method.stiffness_damping),

@@ -6,7 +6,7 @@ from cables import simulator
 from corpus import draw_swing
 
 from dlo_sim.core.methods import IMPLICIT, METHODS, RUNGE_KUTTA, SPLITTING, ZHAI
-from dlo_sim.scene import description
+from dlo_sim.scene import terms
 from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scene
 from dlo_sim.simulation.selection import less_work
 from dlo_sim.simulation.simulator import Simulator
@@ -108,12 +108,12 @@ def test_a_plastic_cable_has_explicit_and_implicit_methods():
 def test_scenes_and_methods_agree_on_which_methods_can_damp():
     """The scene names methods that the table of methods describes."""
     kinds = {
-        description.EXPLICIT: [
+        terms.EXPLICIT: [
             one for one in METHODS.values() if one.family in (SPLITTING, RUNGE_KUTTA, ZHAI)
         ],
-        description.IMPLICIT: [one for one in METHODS.values() if one.family == IMPLICIT],
-        description.FORWARD: [one for one in METHODS.values() if one.stiffness_damping],
-        description.SINGLE: [one for one in METHODS.values() if one.mass_damping],
+        terms.IMPLICIT: [one for one in METHODS.values() if one.family == IMPLICIT],
+        terms.FORWARD: [one for one in METHODS.values() if one.stiffness_damping],
+        terms.SINGLE: [one for one in METHODS.values() if one.mass_damping],
     }
     for names, methods in kinds.items():
         assert set(names) == {one.name for one in methods}

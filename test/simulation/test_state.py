@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cables import ELASTIC, FULL, FULLY_DAMPED, SINE_LOAD, SOFT, scene_of, set_state, simulator
+from cables import FULL, FULLY_DAMPED, SINE_LOAD, SOFT, scene_of, set_state, simulator
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.simulation.report import Status
@@ -20,7 +20,7 @@ CLAMP = EndMotion(
     angular_velocity=[2.0, 0.5, 0],
     angular_acceleration=[60.0, 0.0, 8.0],
 )
-NAMES = list(ELASTIC)
+NAMES = list(METHODS)
 CASES = [(name, FULL) for name in NAMES] + [("energy_momentum", FULLY_DAMPED)]
 IDS = [*NAMES, "damped"]
 

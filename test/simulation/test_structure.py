@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from cables import (
-    ELASTIC,
     FLAT,
     FULL,
     MASS_DAMPED,
+    METHODS,
     SOFT,
     Bench,
     Reference,
@@ -23,7 +23,7 @@ from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.simulation.stepper import Stepper
 
 # Methods whose step depends on the state alone; Zhai's carries an acceleration along.
-ONE_STEP = [method for method in ELASTIC.values() if method.name != "zhai"]
+ONE_STEP = [method for method in METHODS.values() if method.name != "zhai"]
 MOVING = EndMotion(
     start=0.0,
     duration=1.0,
