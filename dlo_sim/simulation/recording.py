@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.scene.description import Scene
-from dlo_sim.simulation.drawn_obstacles import drawn_obstacles
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Status, newton_note
@@ -168,11 +167,10 @@ def record_simulator(
     recorder.put(simulator.cable, simulator.energy().total)
     wall_s, report, counts = _run(simulator, estimate, duration, recorder, progress, tell)
     report = judged(report, recorder)
-    simulator.look_at(recorder.times[: recorder.count], recorder.control_points)
     count, control_points = recorder.count, recorder.control_points
     shapes = recorder.along(scene)
     error = simulator.energy_error
-    drawn = drawn_obstacles(simulator.scene, simulator.cable, recorder, simulator.keep_bends)
+    drawn = simulator.remarks.look_back(simulator, recorder, recorder.times[:count])
     return Recording(
         time=recorder.times[:count],
         control_points=control_points,

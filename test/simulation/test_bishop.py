@@ -54,7 +54,7 @@ def turn(sim, end, rotation, duration):
 
 def roll(sim, angle, duration=4.0):
     """Turn the end about its own tangent."""
-    turn(sim, "end", angle * sim._ends.tangent("end", sim.time), duration)
+    turn(sim, "end", angle * sim.ends.tangent("end", sim.time), duration)
 
 
 def slip(sim):
@@ -372,7 +372,7 @@ def test_it_goes_on_where_terms_come_in():
     for sim in sims:
         turn(sim, "end", [3.0, 1.0, -0.5], 1.0)
         sim.advance(1.5)
-    sims[1]._activate(sims[1]._needs, sims[1]._geometries)
+    sims[1].activate(sims[1].needs, sims[1]._geometries)
     before, after = (sim.energy().twist for sim in sims)
     assert after == pytest.approx(before, rel=2e-3)
     for sim in sims:
