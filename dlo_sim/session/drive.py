@@ -90,7 +90,7 @@ class Drive:
         saved: Snapshot | None = None,
     ) -> None:
         scene = replace(scene, added=())  # as of a state to go on from, which adds them again
-        self._factory, self._saved = factory, saved
+        self._factory, self._saved, self._live = factory, saved, live
         self.simulator = self._not_begun(scene)
         self.estimate: ErrorEstimate | None = None
         self.unresolved = ""
@@ -189,6 +189,7 @@ class Drive:
                 path.skip_to(origin, *self.simulator.end_pose(name))
         if self.scene.estimates_errors and not self._too_slow:
             self.estimate = _estimate(self.simulator, None if saved is not None else poses)
+            self.estimate.waits = not self._live
         return saved is not None
 
     def clear(self) -> None:
@@ -336,6 +337,7 @@ class Drive:
         spared, self._too_slow = self._too_slow, False
         if spared:
             self.estimate = _estimate(self.simulator)
+            self.estimate.waits = not self._live
             self._hold_loads()
         return spared
 
@@ -383,6 +385,8 @@ class Drive:
             self._take_and_release(_taken(scene) | told)
             return
         _, self.simulator, self.estimate = prepared
+        if self.estimate is not None:
+            self.estimate.waits = not self._live
         self.scene, self._rebuilt = scene, True
         self._too_slow = self._too_slow and scene.accuracy.estimate != "on"
         if self._too_slow:

@@ -8,19 +8,42 @@ division of a run into calls changes nothing. At its end shape and energy are ju
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable, Sequence
+from typing import Protocol
 
+from dlo_sim.core import bspline
 from dlo_sim.core.methods import IMPLICIT
+from dlo_sim.simulation.recorder import Recorder
+from dlo_sim.simulation.remarks import Remarks, Running
 from dlo_sim.simulation.report import WRONG, Report, Status, explained, newton_note
 from dlo_sim.simulation.soundness import sound_now
-
-if TYPE_CHECKING:
-    from dlo_sim.simulation.recorder import Recorder
-    from dlo_sim.simulation.simulator import Simulator
-    from dlo_sim.simulation.stepper import Along
+from dlo_sim.simulation.stepper import Along
 
 CHUNK = 4096  # steps of a long advance after which the state is kept in case of a failure
+
+
+class Played(Protocol):
+    """A simulator, alone or with an estimate of its error."""
+
+    @property
+    def steps(self) -> int:
+        """Whole steps since the start."""
+
+    def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
+        """Advance by whole steps."""
+
+
+class Stepped(Running, Protocol):
+    """What `stretch` steps: a simulator."""
+
+    remarks: Remarks
+
+    @property
+    def steps_of_motions(self) -> int:
+        """Number of steps for which end effectors and obstacles keep to their present motions."""
+
+    def begin_motions(self) -> None:
+        """Let motions begin that have waited for the present time."""
 
 
 class Timeline(Protocol):
@@ -30,6 +53,25 @@ class Timeline(Protocol):
         """Make the changes that are due; returns the step, at most `stop`, of the next ones. If it
         is the present step, the run ends.
         """
+
+
+class Changes:
+    """A timeline of calls, each made when the simulator has taken so many steps."""
+
+    def __init__(self, simulator: Played) -> None:
+        self._simulator = simulator
+        self._calls: list[tuple[int, Callable[[], object]]] = []
+
+    def add(self, at: int, call: Callable[[], object]) -> None:
+        """Make a call after `at` steps; calls of the same step in the order in which they came."""
+        self._calls.append((at, call))
+        self._calls.sort(key=lambda one: one[0])
+
+    def apply(self, stop: int) -> int:
+        """See `Timeline`."""
+        while self._calls and self._calls[0][0] <= self._simulator.steps:
+            self._calls.pop(0)[1]()
+        return min(stop, self._calls[0][0]) if self._calls else stop
 
 
 class Watcher(Protocol):
@@ -45,7 +87,7 @@ class Watcher(Protocol):
 
 
 def play(
-    simulator: Simulator,
+    simulator: Played,
     until: int,
     recorder: Recorder | None = None,
     timeline: Timeline | None = None,
@@ -73,14 +115,14 @@ def play(
 
 
 def stretch(
-    sim: Simulator, steps: int, recorder: Recorder | None = None, along: Along | None = None
+    sim: Stepped, steps: int, recorder: Recorder | None = None, along: Along | None = None
 ) -> Report:
     """Advance by whole steps between two stops of `play`. On failure the last good state is kept.
 
     Args:
         along: separate motions of the end effectors for every step.
     """
-    method, done, evaluations = sim.choice.method, 0, 0
+    method, step, done, evaluations = sim.choice.method, sim.choice.step, 0, 0
     while done < steps:
         most = min(CHUNK, steps - done, sim.steps_of_motions)
         piece = sim.remarks.steps_until_look(sim, most)
@@ -94,14 +136,15 @@ def stretch(
             sim.remarks.look_at_itself(sim)
         sim.begin_motions()
         if not status.ok:
+            u = bspline.greville(sim.model.knots)[worst]
             message = (
                 f"{explained(status, method)} (at {sim.time:.6g} s, "
-                f"u = {sim.greville[worst]:.3g} m; method {sim.method}, step {sim.step:g} s)"
+                f"u = {u:.3g} m; method {method.name}, step {step:g} s)"
             )
-            return Report(status, message, done, done * sim.step, evaluations)
-    note = newton_note(method, sim.step, done, evaluations, sim.scene.touches)
+            return Report(status, message, done, done * step, evaluations)
+    note = newton_note(method, step, done, evaluations, sim.scene.touches)
     wrong = sound_now(sim.cable, sim.ends, sim.time)
     if not wrong and method.family != IMPLICIT and sim.energy_error > WRONG:
         wrong = sim.remarks.open_balance(sim)
     status = Status.UNRESOLVED if wrong else Status.OK
-    return Report(status, wrong, done, done * sim.step, evaluations, note)
+    return Report(status, wrong, done, done * step, evaluations, note)
