@@ -187,6 +187,11 @@ class ErrorEstimate:
         given = simulator.scene, simulator.method, simulator.step, self.order
         return advice(*given, error, needed)
 
+    @property
+    def steps(self) -> int:
+        """Steps of the simulator."""
+        return self.simulator.steps
+
     def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
         """Advance the simulator, and let its companions follow; returns its report.
 
