@@ -47,14 +47,13 @@ SLOWEST = 0.25  # [1/s] growth that counts
 ROUNDING = 1e-13  # of the largest entry of K, eigenvalue that counts as none
 WAVES = 6  # of the push along the cable
 SAMPLES = 6  # of a knot span, for the holonomy
-_DIRECTIONS = np.empty((3, 3))  # of nobody
 
 
 def look_due(cable: Cable) -> int:
     """Every how many looks at a straight cable this one is looked at: 1 if it is nearly straight,
     PLANE_LOOKS if it is nearly plane, 0 (never soon) otherwise.
     """
-    lying = _extent(cable, BENT)
+    lying = len(_extent(cable, BENT))
     return 1 if lying == 1 else PLANE_LOOKS if lying < len(cable.model.axes) else 0
 
 
@@ -144,10 +143,11 @@ def extent(x: Array, lines: int, least: float, found: Array) -> int:
     return lines
 
 
-def _extent(cable: Cable, tolerance: float, found: Array = _DIRECTIONS) -> int:
-    """`extent` of a cable by more than a tolerance [of the length]."""
+def _extent(cable: Cable, tolerance: float) -> Array:
+    """Directions in which a cable extends by more than a tolerance [of the length], rows."""
+    dim, found = len(cable.model.axes), np.empty((3, 3))
     least = tolerance * float(cable.model.knots[-1])
-    return int(extent(cable.x, len(cable.model.axes), least, found))
+    return found[: extent(cable.x, dim, least, found), :dim]
 
 
 def _across(cable: Cable) -> Array | None:
@@ -155,8 +155,7 @@ def _across(cable: Cable) -> Array | None:
     points lie; None if there is none, if its stability is not known, or if the cable is straight
     and nowhere compressed.
     """
-    dim, knots, rows = len(cable.model.axes), cable.model.knots, np.empty((3, 3))
-    within = rows[: _extent(cable, EXACT, rows), :dim]
+    dim, knots, within = len(cable.model.axes), cable.model.knots, _extent(cable, EXACT)
     if not 0 < len(within) < dim or not cable.model.has(ANY_STRETCH):
         return None
     if len(within) == 2 and cable.loads.size and cable.loads[:, 3:6].any():

@@ -214,7 +214,8 @@ class ErrorEstimate:
         self, name: str, force: ArrayLike | None = None, torque: ArrayLike | None = None
     ) -> None:
         """See `Simulator.set_load`."""
-        self._change(lambda one: one.set_load(name, force, torque))
+        given = [None if one is None else np.array(one) for one in (force, torque)]
+        self._change(lambda one: one.set_load(name, *given))
 
     def set_motion(self, end: str, motion: EndMotion) -> None:
         """See `Simulator.set_motion`."""
