@@ -320,6 +320,20 @@ class Cable:
         """Motions of the obstacles, as of grasps, a view of shape (obstacles, MOTION_SIZE)."""
         return self.arrays.inputs.obstacle
 
+    def shape_of(self, other: Cable, time: float) -> tuple[Array, Array]:
+        """Control points of this cable, and their velocities, with the shape and motion of another
+        one at a time [s], in the coordinates of this model, each (n, 4).
+        """
+        points = other.points
+        rates = other.model.to_columns(other.velocities(time), rest=False)
+        points[:, :3] += other.model.origin - self.model.origin
+        ours, theirs = self.model.knots, other.model.knots
+        if np.array_equal(ours, theirs):
+            return points, rates
+        u = bspline.greville(ours) * (theirs[-1] / ours[-1])
+        points, rates = (bspline.evaluate(values, theirs, u) for values in (points, rates))
+        return bspline.interpolate(ours, points), bspline.interpolate(ours, rates)
+
     # -- state ----------------------------------------------------------------------------------
 
     @property

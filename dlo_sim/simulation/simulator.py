@@ -23,8 +23,7 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT
 from dlo_sim.core.strain import strain
 from dlo_sim.engine.arrays import ENERGIES, MATERIAL, SLIDING, TORSION
-from dlo_sim.engine.frames import curve_frames
-from dlo_sim.engine.grasps import ACTIVE, DURATION, POSITION, START
+from dlo_sim.engine.grasps import ACTIVE, DURATION, START
 from dlo_sim.engine.sliding import LOST
 from dlo_sim.scene.description import EARTH, Grasp, Obstacle, Scene, check_added
 from dlo_sim.scene.needs import (
@@ -39,6 +38,7 @@ from dlo_sim.scene.needs import (
 from dlo_sim.simulation import following, obstacles, self_contact
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.curve import Curve
 from dlo_sim.simulation.ends import NEAR, EndDrive, apart
 from dlo_sim.simulation.forecast import (
     EVERY,
@@ -49,7 +49,6 @@ from dlo_sim.simulation.forecast import (
 )
 from dlo_sim.simulation.frequency import largest_frequency, with_grasps
 from dlo_sim.simulation.geometry import (
-    NEAREST,
     Geometries,
     Geometry,
     Pose,
@@ -81,7 +80,6 @@ from dlo_sim.simulation.stepper import Along, Stepper
 from dlo_sim.simulation.waiting_motions import Waiting
 
 Array = NDArray[np.float64]
-Basis = tuple[NDArray[np.int64], Array, Array]
 LIGHT = 20.0  # weights of the cable that an obstacle in which it begins may press it with
 MOST_BASES = 16  # sets of material coordinates whose basis values are kept
 
@@ -154,11 +152,9 @@ class Simulator:
         self._origin = origin_of(geometries)
         self._geometries: Geometries = moved(geometries, -self._origin)
         self.cable = Cable(build_model(scene, needs, self._geometries, origin=self._origin))
-        self._greville = bspline.greville(self.model.knots)
-        self._frame_axis = np.eye(3)[np.argmin(np.abs(self._geometries["start"].tangent))]
+        self._curve = Curve(self.cable, self._geometries["start"].tangent)
         self.ends = EndDrive(scene, self._geometries, self.model.knots)
         self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
-        self._bases: dict[bytes, Basis] = {}
         self.steps, self._remainder = 0, 0.0
         self.remarks = Remarks()
         self._fill_loads()
@@ -207,7 +203,7 @@ class Simulator:
     def _place(self, near: Simulator | None, continues: bool) -> bool:
         """Put the cable into its first shape (`statics.place`)."""
         lay = self._lay_unslipped if self._natural.follows else None
-        shape = self._points_of(near)[0] if near else None
+        shape = self.cable.shape_of(near.cable, near.time)[0] if near else None
         return place(self.scene, self._geometries, self.ends, self.cable, lay, shape, continues)
 
     # -- what it is -------------------------------------------------------------------------------
@@ -290,7 +286,7 @@ class Simulator:
     @property
     def greville(self) -> Array:
         """Material coordinate [m] of each control point (Greville abscissa), shape (n_u,)."""
-        return self._greville.copy()
+        return self._curve.greville.copy()
 
     def centerline(self, u: ArrayLike) -> Array:
         """Points of the cable [m] at material coordinates u [m] in [0, L], shape (len(u), 3).
@@ -298,9 +294,7 @@ class Simulator:
         Raises:
             TypeError, ValueError: not such numbers.
         """
-        columns, values, _ = self._basis(_coordinates(u))
-        points = self.cable.points[:, :3].take(columns, axis=0)
-        return np.einsum("mk,mkd->md", values, points) + self.model.origin
+        return self._curve.points(_coordinates(u))
 
     def tension(self, u: ArrayLike) -> Array:
         """Tension EA (|r'| - 1) - EI kappa^2 [N] at u, shape (len(u),), without damping forces.
@@ -329,10 +323,7 @@ class Simulator:
         Raises:
             TypeError, ValueError: as `centerline`.
         """
-        basis = self._basis(_coordinates(u))
-        poses = np.empty((len(basis[0]), 7))
-        self._write_poses(self.cable.points, basis, poses)
-        return poses[:, 3:]
+        return self._curve.poses(_coordinates(u), self.time)[:, 3:]
 
     def control_poses(self, out: Array) -> None:
         """Write into out, shape (n_u, 7), every control point [m] with the material frame at its
@@ -345,30 +336,7 @@ class Simulator:
         fits = isinstance(out, np.ndarray) and out.shape == shape and out.dtype == np.float64
         if not (fits and out.flags.c_contiguous and out.flags.writeable):
             raise TypeError(f"out: needs np.empty({shape}), got {arguments.given(out)}")
-        points = self.cable.points
-        self._write_poses(points, self._basis(self._greville), out)
-        out[:, :3] = points[:, :3] + self.model.origin
-
-    def _basis(self, u: Array) -> Basis:
-        """Indices of the active control points, basis values and derivatives at u, each (m, 4);
-        cached.
-        """
-        key = u.tobytes()
-        table = self._bases.get(key)
-        if table is None:
-            first, values = bspline.active_basis(self.model.knots, u)
-            _, slopes = bspline.active_basis(self.model.knots, u, 1)
-            table = (first[:, None] + np.arange(bspline.ACTIVE), values, slopes)
-            if len(self._bases) >= MOST_BASES:
-                self._bases.clear()
-            self._bases[key] = table
-        return table
-
-    def _write_poses(self, points: Array, basis: Basis, out: Array) -> None:
-        """Points of the curve and material frames, whose second axis at the start is fixed in the
-        start's end effector, into out, shape (m, 7).
-        """
-        self.cable.call(curve_frames, points, *basis, self.time, self._frame_axis, out)
+        self._curve.control_poses(self.time, out)
 
     # -- energies and forces ----------------------------------------------------------------------
 
@@ -975,21 +943,8 @@ class Simulator:
         if self.held_now[grasp].u is not None:
             raise ValueError(f"grasp '{grasp}': holds the cable already; release it before")
         share = scene_grasp.at if at is None else arguments.number("at", at, "from -1 to 1")
-        if not -1.0 <= share <= 1.0:
-            raise ValueError(f"at: needs a number from 0 to 1, or below for nearest, got {share!r}")
-        u = share * self.scene.cable.length
-        position, orientation = self.ends.pose(grasp, self.time)
-        if share < 0.0:
-            places = np.linspace(0.0, self.scene.cable.length, NEAREST)
-            away = np.linalg.norm(self.centerline(places) - self.model.origin - position, axis=1)
-            u = float(places[np.argmin(away)])
-        columns, values, slopes = self._basis(np.array([u]))
-        points = self.cable.points[columns[0], :3]
-        tangent = (slopes[0, :, None] * points).sum(axis=0)
-        tangent = rotations.rotate(rotations.conjugate(orientation), tangent)
-        tangent /= math.hypot(*tangent)
-        place = (values[0, :, None] * points).sum(axis=0)
-        return Geometry(position, orientation, place, tangent, u)
+        length = self.scene.cable.length
+        return self._curve.taken(share, length, *self.ends.pose(grasp, self.time))
 
     def _hold(self, grasp: str, geometry: Geometry) -> None:
         """Hold the cable as a grasp does from now on; what that changes in energy is its work."""
@@ -998,7 +953,7 @@ class Simulator:
         before, held = self.cable.present_energy(), self.held_now[grasp].u
         self.ends.hold(grasp, geometry)
         if geometry.u is not None:
-            angle = self._angle_at(geometry.u, self.cable.points)
+            angle = self._curve.twist_at(geometry.u, self.cable.points)
             self.ends.count_from(grasp, self.time, angle)
         self.activate(self.needs, geometries)
         if geometry.u is None:
@@ -1015,11 +970,6 @@ class Simulator:
         model = self.model
         holding_of(self.scene, geometries, model.knots, model.axes, model.twist)
         return geometries
-
-    def _angle_at(self, u: float, points: Array) -> float:
-        """Twist angle [rad] of control points (n, 4) at u [m]."""
-        columns, values, _ = self._basis(np.array([u]))
-        return float((values[0] * points[columns[0], 3]).sum())
 
     # -- state ------------------------------------------------------------------------------------
 
@@ -1225,7 +1175,7 @@ class Simulator:
         if other.cable.points[:, 3].any():
             self._need(self.needs.with_twist(self.scene))
         way = other._origin - self._origin
-        points, rates = self._points_of(other)
+        points, rates = self.cable.shape_of(other.cable, other.time)
         here = {*self.scene.holders, *(one.name for one in self.scene.bodies)}
         self.ends.queue.take_over(other.ends.queue.by_name, here, other.time, way)
         self.ends.take_over(other.ends, other.time, other.cable.frame_turn, way)
@@ -1236,8 +1186,8 @@ class Simulator:
         for name, holder in self.scene.holders.items():
             at = self._geometries[name].u
             if at is not None and holder.holds_roll and not other.scene.holders[name].holds_roll:
-                self.ends.count_from(name, 0.0, self._angle_at(at, points))
-        self._take_over_obstacles(other)
+                self.ends.count_from(name, 0.0, self._curve.twist_at(at, points))
+        obstacles.take_over(self.cable, other.cable, other.time)
         self.ends.pull_springs(self.cable, self.time)
         self.ends.put(points, 0.0)
         self.cable.point_grasps(0.0)
@@ -1261,32 +1211,6 @@ class Simulator:
         )
         self.cable.open_account(self.scene, other.cable, sorted(before - now))
         self._initial = self.snapshot()
-
-    def _points_of(self, other: Simulator) -> tuple[Array, Array]:
-        """Control points of this cable, and their velocities, with the shape and motion of another
-        one, in the coordinates of this model, each (n, 4).
-        """
-        points, rates, knots = other.cable.points, other.velocities, other.model.knots
-        points[:, :3] += other._origin - self._origin
-        if np.array_equal(self.model.knots, knots):
-            return points, rates
-        u = self.greville * (other.scene.cable.length / self.scene.cable.length)
-        there = (bspline.evaluate(values, knots, u) for values in (points, rates))
-        points, rates = (bspline.interpolate(self.model.knots, values) for values in there)
-        return points, rates
-
-    def _take_over_obstacles(self, other: Simulator) -> None:
-        """Continue the motions of the other simulator's obstacles."""
-        way = other._origin - self._origin
-        names = [one.name for one in other.scene.bodies]
-        theirs = dict(zip(names, other.cable.obstacles, strict=False))
-        for obstacle, row in zip(self.scene.bodies, self.cable.obstacles, strict=False):
-            before = theirs.get(obstacle.name)
-            if before is not None and before[ACTIVE]:
-                row[:] = before
-                row[START] -= other.time
-                row[POSITION : POSITION + 3] += way
-        self.cable.place_obstacles(0.0)
 
     def _take_over_grasps(self, other: Simulator) -> list[str]:
         """Hold what the other simulator's grasps hold, as far as the scene agrees; returns the
