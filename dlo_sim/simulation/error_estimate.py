@@ -156,7 +156,8 @@ class ErrorEstimate:
         """The finer runs, in time and in space, at the present time if errors are waited for."""
         if self.waits:
             for companion in self._finer:
-                companion.change(self._steps, lambda _: None)
+                if companion.behind(self._steps):
+                    companion.change(self._steps, lambda _: None)
                 companion.follow(fewest=1)
             for companion in self._finer:
                 companion.wait()

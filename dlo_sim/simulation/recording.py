@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.process.children import processors
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 from dlo_sim.simulation.play import play
@@ -223,12 +223,18 @@ def record_simulator(
 
 def _cost(estimate: ErrorEstimate | None) -> tuple[str, ...]:
     """One line about the time of an estimate that had no core of its own, if it was long."""
-    if estimate is None or estimate.seconds < _NOTABLE or processors() > 1:
+    if estimate is None or estimate.seconds < _NOTABLE or _cores() > 1:
         return ()
     return (
         f"the error estimate took {estimate.seconds:.2g} s beside the run on the only core; "
         "accuracy.estimate: off saves them",
     )
+
+
+def _cores() -> int:
+    if hasattr(os, "sched_getaffinity"):  # not on every platform
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def sample_times(duration: float, every: float) -> Array:

@@ -74,6 +74,6 @@ def test_a_timeline_that_waits_ends_the_run_before_a_step(sim):
 @pytest.mark.parametrize("cores", [1, 2])
 def test_what_an_estimate_costs_is_said_on_one_core(monkeypatch, cores):
     monkeypatch.setattr(recording, "_NOTABLE", 0.0)
-    monkeypatch.setattr(recording, "processors", lambda: cores)
+    monkeypatch.setattr(recording, "_cores", lambda: cores)
     notes = record(load_scene("hanging_cable", {"start.pose_topic": ""}), 0.1, 0.05).notes
     assert any("accuracy.estimate: off" in line for line in notes) == (cores == 1)
