@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.report import Report, Status
 from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
@@ -61,7 +62,7 @@ class Simulated(Protocol):
     def energy(self) -> Any: ...
     def set_load(self, name: str, force: Any = None, torque: Any = None) -> None: ...
     def set_motion(self, end: str, motion: EndMotion) -> None: ...
-    def advance_steps(self, steps: int) -> Any: ...
+    def advance_steps(self, steps: int, recorder: Any = None) -> Report: ...
     def reset(self) -> None: ...
     def reconfigured(self, scene: Scene) -> Any: ...
     def take_over(self, other: Any) -> None: ...
@@ -162,24 +163,19 @@ class FakeSimulator:
         self.calls.append(("motion", self.steps, end, motion))
         self.motions[end] = motion
 
-    def advance_steps(self, steps: int) -> Any:
+    def advance_steps(self, steps: int, recorder: Any = None) -> Report:
         done = 0
         for _ in range(steps):
             if self.fail_at is not None and self.steps >= self.fail_at:
-                status = SimpleNamespace(ok=False, advanced=False)
-                return SimpleNamespace(status=status, message="diverged: fake", steps=done, note="")
+                return Report(Status.DIVERGED, "diverged: fake", done, done * self.step, 0)
             force = sum(self.loads.values(), np.zeros(3)) + np.array(self.scene.gravity)
             self.speed = self.speed + self.step * force
             self.tip = self.tip + self.step * self.speed
             self.steps += 1
             done += 1
         folded = self.folds_at is not None and self.steps - done < self.folds_at <= self.steps
-        return SimpleNamespace(
-            status=SimpleNamespace(ok=not folded, advanced=True),
-            message="folded: fake" if folded else "",
-            steps=done,
-            note=self.note,
-        )
+        status, message = (Status.UNRESOLVED, "folded: fake") if folded else (Status.OK, "")
+        return Report(status, message, done, done * self.step, 0, self.note)
 
     def reset(self) -> None:
         self.calls.append(("reset", self.steps))

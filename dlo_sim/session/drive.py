@@ -8,6 +8,7 @@ the same messages give the same bits however the advance is divided into ticks.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -32,6 +33,7 @@ from dlo_sim.session.waiting import LoadMessage, LoadSchedule, TakeMessage, Wait
 if TYPE_CHECKING:
     from dlo_sim.simulation.error_estimate import ErrorEstimate
     from dlo_sim.simulation.geometry import Pose
+    from dlo_sim.simulation.report import Report
     from dlo_sim.simulation.simulator import Simulator, Snapshot
 
 _ZERO = (0.0, 0.0, 0.0)
@@ -90,7 +92,7 @@ class Drive:
         saved: Snapshot | None = None,
     ) -> None:
         scene = replace(scene, added=())  # as of a state to go on from, which adds them again
-        self._factory, self._saved = factory, saved
+        self._factory, self._saved, self._live = factory, saved, live
         self.simulator = self._not_begun(scene)
         self.estimate: ErrorEstimate | None = None
         self.unresolved = ""
@@ -189,6 +191,7 @@ class Drive:
                 path.skip_to(origin, *self.simulator.end_pose(name))
         if self.scene.estimates_errors and not self._too_slow:
             self.estimate = _estimate(self.simulator, None if saved is not None else poses)
+            self.estimate.waits = not self._live
         return saved is not None
 
     def clear(self) -> None:
@@ -210,24 +213,19 @@ class Drive:
         assert grid is not None, "advance() needs begin()"
         begin = self.simulator.steps
         target = min(grid.last_at_or_before(wanted_ns), begin + most_steps)
-        slow = ""
-        if self.simulator.steps < target:
+        tick = _Tick(self, grid, silence_ns)
+        if begin < target:
+            from dlo_sim.simulation.play import play  # imports the compiler
+
             self.unresolved = ""
-        while self.simulator.steps < target:
-            waiting = self._renew_motions(grid, silence_ns)
-            if waiting:
-                return Advance(self.simulator.steps - begin, waiting, slow=slow)
-            stop = self._apply_inputs(grid, target)
-            report = self._driven.advance_steps(stop - self.simulator.steps)
-            slow = report.note or slow
-            if not report.status.advanced:
-                return Advance(self.simulator.steps - begin, failure=report.message, slow=slow)
-            self.unresolved = self.unresolved or report.message
-            self._note_slipped_out()
+            report = play(self._driven, target, timeline=tick, watchers=[tick])
+            failure = "" if report.status.advanced else report.message
+            if failure or tick.waiting:
+                return Advance(self.simulator.steps - begin, tick.waiting, failure, tick.slow)
         # A state between two motions belongs to the later one (velocities agree, accelerations do
         # not), so outputs of this state need that motion if it is known.
         self._renew_motions(grid, silence_ns)
-        return Advance(self.simulator.steps - begin, slow=slow)
+        return Advance(self.simulator.steps - begin, slow=tick.slow)
 
     def _renew_motions(self, grid: StepGrid, silence_ns: int) -> tuple[str, ...]:
         """Set the next motion of every end whose motion is over; returns the ends without one."""
@@ -336,6 +334,7 @@ class Drive:
         spared, self._too_slow = self._too_slow, False
         if spared:
             self.estimate = _estimate(self.simulator)
+            self.estimate.waits = not self._live
             self._hold_loads()
         return spared
 
@@ -375,6 +374,8 @@ class Drive:
             self._take_and_release(_taken(scene) | told)
             return
         _, self.simulator, self.estimate = prepared
+        if self.estimate is not None:
+            self.estimate.waits = not self._live
         self.scene, self._rebuilt = scene, True
         self._too_slow = self._too_slow and scene.accuracy.estimate != "on"
         if self._too_slow:
@@ -449,6 +450,38 @@ class Drive:
             rest = self.paths[name].replan(segment.motion, old.time, grid, last)
             self._segments[name] = rest
             self._driven.set_motion(name, rest.motion)
+
+
+class _Tick:
+    """What a drive does during one advance: a timeline and a watcher of `play`.
+
+    Attributes:
+        waiting: ends without a motion, at which the advance has stopped. slow: a note of a report.
+    """
+
+    def __init__(self, drive: Drive, grid: StepGrid, silence_ns: int) -> None:
+        self._drive, self._given = drive, (grid, silence_ns)
+        self.waiting: tuple[str, ...] = ()
+        self.slow = ""
+
+    def apply(self, stop: int) -> int:
+        """Renew the motions of the ends, and apply what is due."""
+        self.waiting = self._drive._renew_motions(*self._given)
+        if self.waiting:
+            return self._drive.simulator.steps
+        return self._drive._apply_inputs(self._given[0], stop)
+
+    def next_look(self, steps: int) -> int:
+        """At no step of its own."""
+        return sys.maxsize
+
+    def look(self, report: Report) -> str:
+        """Keep what is wrong or slow."""
+        self.slow = report.note or self.slow
+        if report.status.advanced:
+            self._drive.unresolved = self._drive.unresolved or report.message
+            self._drive._note_slipped_out()
+        return ""
 
 
 def _estimate(simulator: Simulator, poses: Mapping[str, Pose] | None = None) -> ErrorEstimate:

@@ -90,7 +90,7 @@ class Session:
         self._latency = Latency(scene, timings, self.journal)
         queues = {entry: self._drive.queue(entry) for entry in sources}
         self._intake = Intake(scene, queues, self._time, self.journal, transforms)
-        self._accuracy = Accuracy(scene, self.journal)
+        self._live, self._accuracy = live, Accuracy(scene, self.journal)
         self._outputs = self._new_outputs()
         _look_at(self._drive.simulator, scene)
         self._pacing = Pacing(scene, self._drive.simulator.step, live)
@@ -145,6 +145,7 @@ class Session:
     @property
     def accuracy(self) -> Accuracy:
         """The estimated errors; anew after `reconfigure`."""
+        self._accuracy.look(self._drive.estimate)
         return self._accuracy
 
     @property
@@ -398,7 +399,8 @@ class Session:
             self.journal.event("unresolved", self._drive.unresolved)
         if slow:
             self.journal.event("slow_newton", slow)
-        self._accuracy.look(self._drive.estimate)
+        if self._live:  # else where it is told: refined runs would be waited for
+            self._accuracy.look(self._drive.estimate)
         if failure:
             at = self._drive.now_ns * 1e-9
             self._fail(f"{failure} (at {self._drive.simulator.time:.6f} s, stamp {at:.6f} s)")
@@ -426,6 +428,7 @@ class Session:
 
     def _restart(self, event: str, detail: str) -> None:
         self.restarts += 1
+        self._accuracy.look(self._drive.estimate)
         self._drive.clear()
         self._accuracy.look(None)
         if self._transforms is not None:
@@ -457,6 +460,7 @@ class Session:
         warnings come last, as they would hide what is new.
         """
         drive, journal, simulator = self._drive, self.journal, self._drive.simulator
+        self._accuracy.look(drive.estimate)
         lag = self._pacing.longest_lag_ns * 1e-9
         fresh, energy = journal.fresh_events(), simulator.energy()
         contacts = simulator.contacts

@@ -29,15 +29,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import float64, int64
 from numpy.typing import NDArray
 
+from dlo_sim.compiling.pieces import ARRAY_2D, STRIDED, piece
 from dlo_sim.core import bspline, elimination, mass
 from dlo_sim.engine.arrays import ANY_STRETCH, BISHOP
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
 
 Array = NDArray[np.float64]
-LOOK = 2e-3  # [s] between two looks at a straight cable at least
 PLANE_LOOKS = 256  # looks at a straight cable per look at one that is bent in a plane
 BENT = 1e-3  # of the length, distance from line or plane beyond which none will be in it soon
 EXACT = 1e-9  # of the length, distance from line or plane that counts as none
@@ -46,11 +47,6 @@ SLOWEST = 0.25  # [1/s] growth that counts
 ROUNDING = 1e-13  # of the largest entry of K, eigenvalue that counts as none
 WAVES = 6  # of the push along the cable
 SAMPLES = 6  # of a knot span, for the holonomy
-
-
-def steps_between_looks(step: float, multiple: int) -> int:
-    """Steps between two looks, a multiple of `multiple`."""
-    return max(1, round(LOOK / (step * multiple))) * multiple
 
 
 def look_due(cable: Cable) -> int:
@@ -115,29 +111,43 @@ def plane_warning(cable: Cable, scene: Scene) -> str:
     )
 
 
-def _extent(cable: Cable, tolerance: float) -> list[list[float]]:
-    """Orthonormal directions in which five control points extend by more than a tolerance [of the
-    length], in plain numbers, which takes the least time.
+@piece(int64, STRIDED, int64, float64, ARRAY_2D)
+def extent(x: Array, lines: int, least: float, found: Array) -> int:
+    """Number of orthonormal directions in which five control points extend by more than `least`
+    [m], and these into the rows of `found`; x: lines of control points.
     """
-    n = cable.model.n
-    found: list[list[float]] = []
-    (start, *rest) = cable.x.T[[0, n // 4, n // 2, 3 * n // 4, n - 1]].tolist()
-    lines = range(len(cable.model.axes))
-    ways = [[point[k] - start[k] for k in lines] for point in rest]
-    least = tolerance * float(cable.model.knots[-1])
-    while len(found) < len(lines):
-        sizes = [math.hypot(*way) for way in ways]
-        size = max(sizes)
+    n = x.shape[1]
+    ways = np.empty((4, 3))
+    for row, k in enumerate((n // 4, n // 2, 3 * n // 4, n - 1)):
+        for axis in range(lines):
+            ways[row, axis] = x[axis, k] - x[axis, 0]
+    for count in range(lines):
+        largest, farthest = 0.0, 0
+        for row in range(4):
+            square = 0.0
+            for axis in range(lines):
+                square += ways[row, axis] ** 2
+            if square > largest:
+                largest, farthest = square, row
+        size = np.sqrt(largest)
         if size <= least:
-            break
-        farthest = ways[sizes.index(size)]
-        along = [value / size for value in farthest]
-        found.append(along)
-        for way in ways:
-            reach = sum(way[k] * along[k] for k in lines)
-            for k in lines:
-                way[k] -= reach * along[k]
-    return found
+            return count
+        for axis in range(lines):
+            found[count, axis] = ways[farthest, axis] / size
+        for row in range(4):
+            reach = 0.0
+            for axis in range(lines):
+                reach += ways[row, axis] * found[count, axis]
+            for axis in range(lines):
+                ways[row, axis] -= reach * found[count, axis]
+    return lines
+
+
+def _extent(cable: Cable, tolerance: float) -> Array:
+    """Directions in which a cable extends by more than a tolerance [of the length], rows."""
+    dim, found = len(cable.model.axes), np.empty((3, 3))
+    least = tolerance * float(cable.model.knots[-1])
+    return found[: extent(cable.x, dim, least, found), :dim]
 
 
 def _across(cable: Cable) -> Array | None:

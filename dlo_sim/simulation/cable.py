@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 # Values of the groups of samples, `Contact.coarse`, `pieces` and `guide_pieces`.
 Samples = tuple[Array, int, tuple[int, int]]
 TINY = 1e-300
+_WORST = [State.balance.record.names.index(one) for one in ("error", "exchanged", "floor")]  # type: ignore[attr-defined]
 CREEP = 1e-6  # cable lengths per second; the account's floor is the energy of such a motion
 
 
@@ -76,6 +77,7 @@ class Cable:
         self.arrays.state = State(sizes, self.state, most)
         self.arrays.work = Work(sizes, self._working_memory, most)
         self.arrays.terms &= ~self._left_out
+        self._balance = numbers_of(self.arrays.state.balance)
         self.x, self.w = self.shown(self.arrays.state.x), self.shown(self.arrays.state.w)
 
     def activate(self, model: Model) -> None:
@@ -323,6 +325,20 @@ class Cable:
         """Motions of the obstacles, as of grasps, a view of shape (obstacles, MOTION_SIZE)."""
         return self.arrays.inputs.obstacle
 
+    def shape_of(self, other: Cable, time: float) -> tuple[Array, Array]:
+        """Control points of this cable, and their velocities, with the shape and motion of another
+        one at a time [s], in the coordinates of this model, each (n, 4).
+        """
+        points = other.points
+        rates = other.model.to_columns(other.velocities(time), rest=False)
+        points[:, :3] += other.model.origin - self.model.origin
+        ours, theirs = self.model.knots, other.model.knots
+        if np.array_equal(ours, theirs):
+            return points, rates
+        u = bspline.greville(ours) * (theirs[-1] / ours[-1])
+        points, rates = (bspline.evaluate(values, theirs, u) for values in (points, rates))
+        return bspline.interpolate(ours, points), bspline.interpolate(ours, rates)
+
     # -- state ----------------------------------------------------------------------------------
 
     @property
@@ -549,6 +565,18 @@ class Cable:
         """
         error, exchanged = self.call(between_steps.open_balance)
         return error, exchanged
+
+    def worst_balance(self, checked: bool) -> float:
+        """Largest |energy - work done + energy lost| so far, as a share of the energy exchanged.
+
+        Args:
+            checked: whether a step has checked the present state.
+        """
+        worst, exchanged, floor = self._balance[_WORST].tolist()
+        if not checked:
+            error, present = self.balance()
+            worst, exchanged = max(worst, error), max(exchanged, present)
+        return float(worst / max(exchanged, floor))
 
     def settle(self, t: float) -> None:
         """Add the work up to time t, which a step leaves to the next one, to the account."""

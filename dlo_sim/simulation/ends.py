@@ -17,7 +17,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.following import twist_angles
 from dlo_sim.simulation.geometry import Geometries, Geometry, given_quaternion, known_holder
-from dlo_sim.simulation.waiting_motions import Waiting, WaitingMotions
+from dlo_sim.simulation.waiting_motions import WaitingMotions
 
 Array = NDArray[np.float64]
 LEAST_THIRD = 0.01  # of a third of the span at a clamp: least distance of the clamp's neighbour
@@ -31,14 +31,18 @@ class EndDrive:
         motion: their motions for compiled functions (`engine.grasps`), shape (holders,
             MOTION_SIZE); after `live_in` a view of the inputs. A row is active if the scene drives
             the end effector or a caller has moved it.
+        queue: motions of these, and of obstacles, that have not begun.
+        clamped: the ends that hold the direction of the cable rigidly; clamps: their rows as bits.
     """
 
     def __init__(self, scene: Scene, geometries: Geometries, knots: Array) -> None:
         self._scene = scene
         self._rows = {name: row for row, name in enumerate(scene.holders)}
         self.motion = np.zeros((len(self._rows), MOTION_SIZE))
+        self.clamped = tuple(name for name, end in scene.ends.items() if end.clamped)
+        self.clamps = sum(1 << self._rows[name] for name in self.clamped)
         self._motions: dict[str, EndMotion] = {}
-        self._waiting = WaitingMotions()
+        self.queue = WaitingMotions()
         spans = np.diff(bspline.breaks(knots))
         self._thirds = {"start": float(spans[0]) / 3.0, "end": float(spans[-1]) / 3.0}
         self._near = NEAR * scene.cable.length
@@ -84,15 +88,10 @@ class EndDrive:
         """Restore the pose and motion that `state_of` returned."""
         self.motion[self._rows[end]], self._motions[end] = state
 
-    @property
-    def waiting(self) -> Waiting:
-        """Motions that have not begun, in their order, of the end effectors that have such."""
-        return self._waiting.by_name
-
     def pose(self, end: str, t: float) -> tuple[Array, Array]:
         """Position [m] and quaternion of an end effector at time t."""
         motion = self._motions[known_holder(self._scene, end)]
-        for later in self._waiting.of(end):
+        for later in self.queue.of(end):
             if later.start <= t:
                 motion = later
         return motion.position_at(t), motion.orientation_at(t)
@@ -100,11 +99,6 @@ class EndDrive:
     def orientation(self, end: str, t: float) -> Array:
         """Quaternion of an end effector at time t."""
         return self._motions[end].orientation_at(t)
-
-    @property
-    def clamped(self) -> tuple[str, ...]:
-        """The ends that hold the direction of the cable rigidly."""
-        return tuple(name for name, end in self._scene.ends.items() if end.clamped)
 
     def tangent(self, end: str, t: float) -> Array:
         """Direction of the cable at a clamped end, world frame, start towards end."""
@@ -221,25 +215,9 @@ class EndDrive:
 
     def follow_later(self, end: str, t: float, motion: EndMotion) -> bool:
         """Keep a motion until its start if the end effector still moves (`WaitingMotions.keep`)."""
-        return self._waiting.keep(end, t, motion, moves=self._motions[end].end > t)
+        return self.queue.keep(end, t, motion, moves=self._motions[end].end > t)
 
-    def begin_motions(self, t: float) -> bool:
-        """Let motions that have waited for a start up to time t begin; returns whether any did."""
-        due = self._waiting.take_due(t)
-        for end, motion in due.items():
-            self._go_on(end, t, motion)
-        return bool(due)
-
-    def steps_until_begin(self, t: float, step: float) -> int | None:
-        """See `WaitingMotions`."""
-        return self._waiting.steps_until_begin(t, step)
-
-    def lead_over(self, t: float, step: float) -> None:
-        """See `WaitingMotions.leading`."""
-        for end, motion in self._waiting.leading(t, step, self.pose).items():
-            self._go_on(end, t, motion)
-
-    def _go_on(self, end: str, t: float, motion: EndMotion) -> None:
+    def go_on(self, end: str, t: float, motion: EndMotion) -> None:
         """Follow a motion from time t on, with the present twist angle."""
         twist = self.place_at(end, t)[3]
         self._write(end, motion)
@@ -249,7 +227,7 @@ class EndDrive:
         """Follow a motion from time t on; twist angle: the present one plus `twist` [rad].
         Motions that wait are dropped.
         """
-        self._waiting.drop(end)
+        self.queue.drop(end)
         row = self.motion[self._rows[end]]
         row[TWIST] = self.place_at(end, min(motion.start, t))[3] + twist
         self._write(end, motion)
@@ -257,13 +235,12 @@ class EndDrive:
 
     def take_over(self, other: EndDrive, t: float, turns: Array, way: Array) -> None:
         """Go on with the motions and twist angles of another simulator's end effectors at time t,
-        which is 0 here. Its motions that wait go on waiting.
+        which is 0 here.
 
         Args:
             way: from the origin of this simulator to the other's [m], shape (3,).
             turns: its `Cable.frame_turn` [rad], one row per grasp, or empty.
         """
-        self._waiting.take_over(other.waiting, set(self._rows), t, way)
         for end, row in self._rows.items():
             self._write(end, other.state_of(end)[1].later(-t).moved(way))
             self.motion[row, ACTIVE] = max(self.motion[row, ACTIVE], other.state_of(end)[0][ACTIVE])
@@ -306,14 +283,8 @@ class EndDrive:
                 return True
         return False
 
-    def restored(self, waiting: Waiting | None = None) -> None:
-        """Rebuild the motions after `motion` was overwritten by a snapshot.
-
-        Args:
-            waiting: the motions that wait; default: as before.
-        """
-        if waiting is not None:
-            self._waiting.replace({name: waiting[name] for name in waiting if name in self._rows})
+    def restored(self) -> None:
+        """Rebuild the motions after `motion` was overwritten by a snapshot."""
         for name, row in self._rows.items():
             m = self.motion[row]
             self._motions[name] = EndMotion.from_coefficients(
@@ -326,7 +297,7 @@ class EndDrive:
 
     def _all_motions(self, end: str) -> tuple[EndMotion, ...]:
         """The present motion of an end effector and those that wait."""
-        return self._motions[end], *self._waiting.of(end)
+        return self._motions[end], *self.queue.of(end)
 
     def _direction(self, end: str) -> Array:
         """Direction of the cable in an end effector's frame."""

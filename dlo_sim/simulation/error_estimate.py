@@ -1,9 +1,10 @@
 """Estimate of the discretisation error while the simulation runs.
 
-Two companions with the same loads and end motions run beside the simulator: one with half the step,
-one with 1.5 times as many spans. The distance between the centerlines gives the error: with
-e(h) = C h^p, a companion that is q times finer is at the distance D = e(h) - e(h/q), so
-e(h) = D q^p / (q^p - 1).
+Two companions with the same loads and end motions follow the simulator in threads of their own, as
+compiled steps release the interpreter's lock: one with half the step, one with 1.5 times as many
+spans. The simulator does not wait for them; who reads the errors does, unless it is live. The
+distance between the centerlines gives the error: with e(h) = C h^p, a companion that is q times
+finer is at the distance D = e(h) - e(h/q), so e(h) = D q^p / (q^p - 1).
 
 In time p is the order of the method. In space p = 2: the largest errors come from loads between
 knots, which are of second order, and from a coarse mesh beside a clamp. Where the spline does
@@ -37,6 +38,8 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -50,8 +53,9 @@ from dlo_sim.scene.description import Obstacle, Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.geometry import Pose
+from dlo_sim.simulation.play import play
 from dlo_sim.simulation.recorder import Recorder
-from dlo_sim.simulation.report import DiscretizationError, Report, newton_note
+from dlo_sim.simulation.report import DiscretizationError, Report
 from dlo_sim.simulation.resolution import MOST_CONTROL_POINTS, raised
 from dlo_sim.simulation.selection import SAFETY, accurate_step
 from dlo_sim.simulation.simulator import Simulator
@@ -61,6 +65,8 @@ Array = NDArray[np.float64]
 PARTS = "time", "space"  # of the error
 POINTS = 20  # of the centerline, equally spaced in u, that are compared
 LOOK = 0.02  # [s] of simulated time between two comparisons
+MOST_BEHIND = 2.0  # [s] of simulated time by which companions may be behind the simulator
+TOGETHER = 8  # comparisons and changes for which a thread is woken: switching to it takes 50 us
 WINDOW = 1.0  # [s] whose largest error is the recent one
 TIME_FACTOR = 2  # refinement of the companions
 SPACE_FACTOR = 1.5
@@ -98,29 +104,30 @@ class _Finer(NamedTuple):
 
 
 class ErrorEstimate:
-    """A simulator that is stepped, loaded and moved together with its two companions.
+    """A simulator that is loaded and moved together with its two companions, and a watcher of its
+    run (`play`).
 
     Args:
-        simulator: its error is estimated; from now on step and change it only through this object.
+        simulator: its error is estimated; from now on change it only through this object.
         place: builds a companion from its scene; the default begins in the simulator's equilibrium
             and is right if no end effector was moved.
 
     Attributes:
-        simulator: see above. companions: the finer runs, in time and in space.
-        seconds: wall time spent on the companions [s]. order: of convergence in time.
+        simulator: see above. order: of convergence in time.
+        waits: whether who reads errors waits for the companions, so that they are those of the
+            present (the default); else, live, they are the latest known, and companions that fall
+            too far behind are given up.
     """
 
     def __init__(self, simulator: Simulator, place: _Place | None = None) -> None:
-        self.simulator = simulator
+        self.simulator, self.waits = simulator, True
         place = place or _placing(simulator)
         self._begun = simulator.steps
-        self.seconds = 0.0
         self.order = _order_in_time(simulator)
         self._look = max(1, round(LOOK / simulator.step))
         kept = max(1, round(WINDOW / (self._look * simulator.step)))
-        self.companions = tuple(_Companion(simulator, part, place, kept) for part in PARTS)
+        self._finer = tuple(_Companion(simulator, part, place, kept) for part in PARTS)
         self._u = np.linspace(0.0, simulator.scene.cable.length, POINTS)
-        self._changed = False  # since the simulator last advanced, by what takes long
         self._compare()
 
     @classmethod
@@ -140,9 +147,26 @@ class ErrorEstimate:
     def take_over(self) -> None:
         """Restart the companions from the present state of the simulator."""
         self._begun = self.simulator.steps
-        for companion in self.companions:
+        for companion in self._finer:
             companion.take_over(self.simulator)
         self._compare()
+
+    @property
+    def companions(self) -> tuple[_Companion, ...]:
+        """The finer runs, in time and in space, at the present time if errors are waited for."""
+        if self.waits:
+            for companion in self._finer:
+                if companion.behind(self._steps):
+                    companion.change(self._steps, lambda _: None)
+                companion.follow(fewest=1)
+            for companion in self._finer:
+                companion.wait()
+        return self._finer
+
+    @property
+    def seconds(self) -> float:
+        """Processor time spent on the companions so far [s]."""
+        return sum(companion.seconds for companion in self._finer)
 
     @property
     def recent(self) -> DiscretizationError:
@@ -164,49 +188,46 @@ class ErrorEstimate:
         given = simulator.scene, simulator.method, simulator.step, self.order
         return advice(*given, error, needed)
 
-    def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
-        """Advance all three; returns the simulator's report.
+    @property
+    def steps(self) -> int:
+        """Steps of the simulator."""
+        return self.simulator.steps
 
-        The simulator's state is the same bit for bit as without companions. The times of the
-        comparisons depend on simulated time only.
+    def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
+        """Advance the simulator, and let its companions follow; returns its report.
+
+        Its state is the same bit for bit as without companions. The times of the comparisons depend
+        on simulated time only.
         """
-        simulator = self.simulator
-        done = evaluations = 0
-        while True:
-            to_look = self._look - simulator.steps % self._look
-            report = simulator.advance_steps(min(steps - done, to_look), recorder)
-            done += report.steps
-            evaluations += report.force_evaluations
-            if report.status.advanced and report.steps:
-                self._follow()
-            if not report.status.advanced or done >= steps:
-                simulated = done * simulator.step
-                touches = simulator.scene.touches
-                note = newton_note(
-                    simulator.choice.method, simulator.step, done, evaluations, touches
-                )
-                return Report(report.status, report.message, done, simulated, evaluations, note)
+        return play(self.simulator, self.simulator.steps + steps, recorder, watchers=(self,))
+
+    def next_look(self, steps: int) -> int:
+        """The next step at which it compares."""
+        return steps + self._look - steps % self._look
+
+    def look(self, report: Report) -> str:
+        """Give the companions the present shape to compare with, where it is time to."""
+        if report.status.advanced and report.steps and self.simulator.steps % self._look == 0:
+            self._compare()
+        return ""
 
     def set_load(
         self, name: str, force: ArrayLike | None = None, torque: ArrayLike | None = None
     ) -> None:
         """See `Simulator.set_load`."""
-        self._change(lambda one: one.set_load(name, force, torque))
+        given = [None if one is None else np.array(one) for one in (force, torque)]
+        self._change(lambda one: one.set_load(name, *given))
 
     def set_motion(self, end: str, motion: EndMotion) -> None:
         """See `Simulator.set_motion`."""
         self.simulator.set_motion(end, motion)
         moved = replace(motion, start=motion.start - self._begun * self.simulator.step)
-        for companion in self.companions:
+        for companion in self._finer:
             companion.change(self._steps, lambda one: one.set_motion(end, moved))
 
     def replace_added(self, added: tuple[Obstacle, ...]) -> None:
-        """See `Simulator.replace_added`. It takes milliseconds, so the companions wait, and follow
-        one after the other in the next two calls of `advance_steps` that advance. If each call
-        changes obstacles again, one of them follows in two of three calls all the same.
-        """
-        self._change(lambda one: one.replace_added(added), later=True)
-        self._changed = True
+        """See `Simulator.replace_added`."""
+        self._change(lambda one: one.replace_added(added))
 
     def take(self, grasp: str, at: float | None = None) -> None:
         """See `Simulator.take`."""
@@ -224,43 +245,40 @@ class ErrorEstimate:
         """Go back to the initial state and clear the errors."""
         self.simulator.reset()
         self._begun = 0
-        for companion in self.companions:
+        for companion in self._finer:
             companion.reset()
         self._compare()
 
     @property
     def _failure(self) -> str:
-        return next((one.failure for one in self.companions if one.failure), "")
+        return next((one.failure for one in self._finer if one.failure), "")
 
     @property
     def _steps(self) -> int:
         """Steps of the simulator since its companions began."""
         return self.simulator.steps - self._begun
 
-    def _change(self, change: _Change, later: bool = False) -> None:
+    def _change(self, change: _Change) -> None:
         """Change the simulator now, and the companions when they are at this time."""
         change(self.simulator)
-        for companion in self.companions:
-            companion.change(self._steps, change, later)
-
-    def _follow(self) -> None:
-        began, busy = time.perf_counter(), self._changed
-        self._changed = False
-        overdue = next((one for one in self.companions if one.skipped >= len(PARTS)), None)
-        for companion in self.companions:
-            if companion.waits and busy and companion is not overdue:
-                companion.skipped += 1
-            else:
-                busy = busy or companion.waits
-                companion.follow(self._steps)
-        if self.simulator.steps % self._look == 0:
-            self._compare()
-        self.seconds += time.perf_counter() - began
+        for companion in self._finer:
+            companion.change(self._steps, change)
 
     def _compare(self) -> None:
-        points = self.simulator.centerline(self._u)
-        for companion in self.companions:
-            companion.compare(self._steps, points, self._u)
+        points, steps = self.simulator.centerline(self._u), self._steps
+        for companion in self._finer:
+            companion.compare(steps, points, self._u)
+            companion.follow()
+            if companion.behind(steps) > self._most_behind:
+                if self.waits:
+                    companion.wait()
+                else:
+                    companion.give_up()
+
+    @property
+    def _most_behind(self) -> int:
+        """Steps by which a companion may be behind."""
+        return round(MOST_BEHIND / self.simulator.step)
 
 
 def error_along(
@@ -292,20 +310,24 @@ def error_along(
 
 
 class _Companion:
-    """One finer simulator, and the errors estimated from its distance.
+    """One finer simulator, which a thread of its own advances, and the errors estimated from its
+    distance.
 
     Attributes:
-        simulator: None if none is needed or possible.
+        simulator: None if none is needed or possible; it is at rest between `wait` and `follow`.
         failure: why it is impossible, or why it stopped; empty otherwise.
         largest: largest error [m] so far; infinite after a failure.
-        skipped: number of times that the original advanced since this one followed.
+        seconds: processor time of the thread so far [s].
     """
 
     def __init__(self, original: Simulator, part: str, place: _Place, kept: int) -> None:
         self.simulator: Simulator | None = None
-        self.failure, self.largest, self.skipped = "", 0.0, 0
+        self.failure, self.largest, self.seconds = "", 0.0, 0.0
         self._errors: deque[float] = deque(maxlen=kept)
-        self._waiting: deque[tuple[int, _Change]] = deque()
+        self._log: deque[tuple[int, _Change]] = deque()  # to be done after these steps
+        self._reached = 0  # step of the original up to which it has followed
+        self._thread = ThreadPoolExecutor(1, f"error in {part}")
+        self._work: Future[None] | None = None
         try:
             if finer := _finer(original, part, place):
                 self.simulator = place(finer.scene)
@@ -316,36 +338,12 @@ class _Companion:
     @property
     def recent(self) -> float:
         """Largest error [m] of the last WINDOW; infinite after a failure."""
-        return math.inf if self.failure else max(self._errors, default=0.0)
+        return math.inf if self.failure else max(tuple(self._errors), default=0.0)
 
-    @property
-    def waits(self) -> bool:
-        """Whether there are changes that it has not made yet."""
-        return bool(self._waiting)
-
-    def change(self, steps: int, change: _Change, later: bool = False) -> None:
-        """Make a change at the time of the original after these steps: now, or, `later` or if
-        others wait, when it follows again. Without effect after a failure.
-        """
-        if self.simulator is None or self.failure:
-            return
-        if later or self._waiting:
-            self._waiting.append((steps, change))
-        else:
-            change(self.simulator)
-
-    def follow(self, steps: int) -> None:
-        """Advance to the time of the original after this number of its steps, with what waits."""
-        for at, change in (*self._waiting, (steps, None)):
-            if self.simulator is None or self.failure:
-                break
-            report = self.simulator.advance_steps(at * self._per_step - self.simulator.steps)
-            if not report.status.advanced:
-                self._fail(f"the finer run failed: {report.message}")
-            elif change is not None:
-                change(self.simulator)
-        self._waiting.clear()
-        self.skipped = 0
+    def change(self, steps: int, change: _Change) -> None:
+        """Make a change when it is at the time of the original after these steps."""
+        if self.simulator is not None and not self.failure:
+            self._log.append((steps, change))
 
     def compare(self, steps: int, points: Array, u: Array) -> None:
         """Estimate the error from the distance to the original's points (len(u), 3) after these
@@ -360,22 +358,71 @@ class _Companion:
 
         self.change(steps, estimate)
 
+    def follow(self, fewest: int = TOGETHER) -> None:
+        """Let the thread do what is logged, unless it works or there is too little."""
+        if self._work is not None and self._work.done():
+            self._work.result()
+            self._work = None
+        if self._work is None and len(self._log) >= fewest:
+            self._work = self._thread.submit(self._do_logged)
+
+    def wait(self) -> None:
+        """Until it has done all that is logged."""
+        self.follow(fewest=1)
+        while self._work is not None:
+            self._work.result()
+            self.follow(fewest=1)
+
+    def behind(self, steps: int) -> int:
+        """By how many steps of the original it is behind the time after these steps."""
+        stopped = self.simulator is None or self.failure
+        return 0 if stopped else steps - self._reached
+
+    def give_up(self) -> None:
+        """Stop, since it is too far behind."""
+        self._log.clear()
+        self._fail(f"the finer run is more than {MOST_BEHIND:g} s behind")
+
     def reset(self) -> None:
         """Go back to the initial state and clear the errors."""
+        self._forget()
         if self.simulator is not None:
             self.simulator.reset()
-            self._forget()
 
     def take_over(self, original: Simulator) -> None:
         """Start from the present state of the original."""
+        self._forget()
         if self.simulator is not None:
             self.simulator.take_over(original)
-            self._forget()
+
+    def _do_logged(self) -> None:
+        began = time.thread_time()
+        with suppress(IndexError):  # nothing is left
+            while self.simulator is not None and not self.failure:
+                at, change = self._log.popleft()
+                self._do(self.simulator, at, change)
+                self._reached = at
+        if self.failure:
+            self._log.clear()
+        self.seconds += time.thread_time() - began
+
+    def _do(self, simulator: Simulator, at: int, change: _Change) -> None:
+        """Make a change at the time of the original after so many steps."""
+        try:
+            report = simulator.advance_steps(at * self._per_step - simulator.steps)
+            if report.status.advanced:
+                change(simulator)
+            else:
+                self._fail(f"the finer run failed: {report.message}")
+        except ValueError as refusal:
+            self._fail(f"the finer run failed: {refusal}")
 
     def _forget(self) -> None:
-        self.failure, self.largest, self.skipped = "", 0.0, 0
+        self._log.clear()
+        self.wait()
+        if self.simulator is not None:
+            self.failure, self.largest, self._reached = "", 0.0, 0
         self._errors.clear()
-        self._waiting.clear()
 
     def _fail(self, reason: str) -> None:
         self.failure, self.largest = reason, math.inf

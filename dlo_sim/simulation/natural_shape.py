@@ -63,7 +63,7 @@ class NaturalShape:
             self._cable.turn_natural(self._turning, self._turn(orientation))
 
     def turns_along(self, motions: Array) -> tuple[Array, Array]:
-        """What turns with the start's end effector, for `Stepper.advance_along`.
+        """What turns with the start's end effector, for `stepper.Along`.
 
         Args:
             motions: of the end effectors in every step, shape (steps, holders, MOTION_SIZE).

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.scene.description import Scene
-from dlo_sim.simulation.drawn_obstacles import drawn_obstacles
 from dlo_sim.simulation.error_estimate import ErrorEstimate
+from dlo_sim.simulation.play import play
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.selection import less_work
@@ -28,6 +29,7 @@ _FEWEST_STEPS = 256  # of a part: calling the stepping loop costs some 10 us
 LONG = 5.0  # [s]: remaining time from which an estimate of it is shown
 _UNITS = (("days", 86400.0), ("h", 3600.0), ("min", 60.0), ("s", 1.0))
 _SMALL = (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
+_NOTABLE = 1.0  # [s]: time of an error estimate from which it is said
 _BRIEF, _TOO_LONG = 0.05, 0.2  # [s]: after a shorter call twice the steps, after a longer one half
 
 
@@ -166,13 +168,14 @@ def record_simulator(
     compile_s = time.perf_counter() - began
     recorder = Recorder(simulator.model, sample_times(duration, every))
     recorder.put(simulator.cable, simulator.energy().total)
-    wall_s, report, counts = _run(simulator, estimate, duration, recorder, progress, tell)
-    report = judged(report, recorder)
-    simulator.look_at(recorder.times[: recorder.count], recorder.control_points)
+    watch = _Progress(simulator, duration, progress, tell)
+    watchers = (watch,) if estimate is None else (watch, estimate)
+    report = judged(play(simulator, watch.total, recorder, watchers=watchers), recorder)
+    wall_s, error_found = watch.wall, None if estimate is None else estimate.largest
     count, control_points = recorder.count, recorder.control_points
     shapes = recorder.along(scene)
     error = simulator.energy_error
-    drawn = drawn_obstacles(simulator.scene, simulator.cable, recorder, simulator.keep_bends)
+    drawn = simulator.remarks.look_back(simulator, recorder, recorder.times[:count])
     return Recording(
         time=recorder.times[:count],
         control_points=control_points,
@@ -193,14 +196,14 @@ def record_simulator(
         method=simulator.method,
         choice=simulator.choice.reason,
         resolution=simulator.resolution,
-        force_evaluations=counts.evaluations,
+        force_evaluations=watch.evaluations,
         real_time_factor=simulator.time / wall_s,
         energy_error_max=error if np.isfinite(error) else None,
-        error_estimate=None if estimate is None else estimate.largest.numbers,
-        advice="" if estimate is None else estimate.advice(estimate.largest),
+        error_estimate=None if error_found is None else error_found.numbers,
+        advice="" if estimate is None or error_found is None else estimate.advice(error_found),
         active_terms=simulator.active_terms,
         left_out=simulator.left_out,
-        notes=simulator.notes + counts.notes,
+        notes=simulator.notes + watch.notes + _cost(estimate),
         obstacles=drawn,
         contacts={
             name: {
@@ -218,26 +221,83 @@ def record_simulator(
     )
 
 
+def _cost(estimate: ErrorEstimate | None) -> tuple[str, ...]:
+    """One line about the time of an estimate that had no core of its own, if it was long."""
+    if estimate is None or estimate.seconds < _NOTABLE or _cores() > 1:
+        return ()
+    return (
+        f"the error estimate took {estimate.seconds:.2g} s beside the run on the only core; "
+        "accuracy.estimate: off saves them",
+    )
+
+
+def _cores() -> int:
+    if hasattr(os, "sched_getaffinity"):  # not on every platform
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def sample_times(duration: float, every: float) -> Array:
     """Multiples of `every` [s] from 0 up to the duration."""
     count = int(np.floor(duration / every + _ROUNDING)) + 1
     return np.arange(count, dtype=float) * every
 
 
-class _IterationCounts:
-    """Counts the force evaluations of a run, and steps and evaluations of unusually slow parts."""
+class _Progress:
+    """Watches a run: how far it is, how long that took, and where Newton's method was slow.
 
-    def __init__(self, simulator: Simulator) -> None:
-        self._simulator = simulator
-        self.evaluations = 0
-        self._begun, self._slow = np.zeros((2, 2), dtype=np.int64)
+    Attributes:
+        evaluations: force evaluations so far. wall: time for stepping [s].
+    """
 
-    def end_part(self) -> None:
-        """Assess the steps since the last call."""
-        now = np.array([self._simulator.steps, self.evaluations])
-        if self._note(now - self._begun):
-            self._slow += now - self._begun
-        self._begun = now
+    def __init__(
+        self,
+        simulator: Simulator,
+        duration: float,
+        progress: Callable[[float], None] | None,
+        tell: Callable[[str], object] | None,
+    ) -> None:
+        self._simulator, self._duration = simulator, duration
+        self._progress, self._tell = progress, tell
+        self.total = max(1, int(np.ceil(duration / simulator.step - _ROUNDING)))
+        self._part, self._piece = max(self.total // _PARTS, _FEWEST_STEPS), 1
+        self.evaluations, self.wall = 0, 0.0
+        self._assessed, self._slow = np.zeros((2, 2), dtype=np.int64)
+        self._began = time.perf_counter()
+
+    def next_look(self, steps: int) -> int:
+        """After a piece that takes neither too little time nor too much."""
+        return steps + min(self._piece, self._part - steps % self._part)
+
+    def look(self, report: Report) -> str:
+        """Measure, assess a part, and tell."""
+        simulator = self._simulator
+        took = time.perf_counter() - self._began
+        self.wall += took
+        self.evaluations += report.force_evaluations
+        ended = simulator.steps >= self.total or not report.status.advanced
+        if ended or simulator.steps % self._part == 0:
+            now = np.array([simulator.steps, self.evaluations])
+            if self._note(now - self._assessed):
+                self._slow += now - self._assessed
+            self._assessed = now
+        if took < _BRIEF:
+            self._piece = min(2 * self._piece, self._part)
+        elif took > _TOO_LONG:
+            self._piece = max(report.steps // 2, 1)
+        if self._tell is not None and self.wall >= _BRIEF and not ended:
+            left = self.wall * (self.total / simulator.steps - 1.0)
+            if left > LONG:
+                self._tell(_run_time_estimate(simulator, self.total, left))
+            self._tell = None
+        try:
+            if self._progress is not None:
+                self._progress(simulator.steps / self.total)
+        except KeyboardInterrupt:
+            return f"interrupted at {simulator.time:.6g} s of {self._duration:g} s"
+        finally:
+            self._began = time.perf_counter()
+        return ""
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -249,51 +309,6 @@ class _IterationCounts:
         sim = self._simulator
         steps, iterations = part.tolist()
         return newton_note(sim.choice.method, sim.step, steps, iterations, sim.scene.touches)
-
-
-def _run(
-    simulator: Simulator,
-    estimate: ErrorEstimate | None,
-    duration: float,
-    recorder: Recorder,
-    progress: Callable[[float], None] | None,
-    tell: Callable[[str], object] | None,
-) -> tuple[float, Report, _IterationCounts]:
-    """Step over the duration; returns the wall time [s], the last report and the iteration counts.
-
-    The wall time excludes that of an error estimate.
-    """
-    total = max(1, int(np.ceil(duration / simulator.step - _ROUNDING)))
-    part = max(total // _PARTS, _FEWEST_STEPS)
-    wall, counts, piece = 0.0, _IterationCounts(simulator), 1
-    while True:
-        steps = min(piece, part - simulator.steps % part, total - simulator.steps)
-        began = time.perf_counter()
-        report = (estimate or simulator).advance_steps(steps, recorder)
-        took = time.perf_counter() - began
-        wall += took
-        counts.evaluations += report.force_evaluations
-        try:
-            if progress is not None:
-                progress(simulator.steps / total)
-        except KeyboardInterrupt:
-            if simulator.steps < total and report.status.advanced:
-                message = f"interrupted at {simulator.time:.6g} s of {duration:g} s"
-                report = report._replace(status=Status.INTERRUPTED, message=message)
-        ended = simulator.steps >= total or not report.status.advanced
-        if ended or simulator.steps % part == 0:
-            counts.end_part()
-        if ended:
-            return wall - (estimate.seconds if estimate else 0.0), report, counts
-        if took < _BRIEF:
-            piece = min(2 * piece, part)
-        elif took > _TOO_LONG:
-            piece = max(steps // 2, 1)
-        if tell is not None and wall >= _BRIEF:
-            left = wall * (total / simulator.steps - 1.0)
-            if left > LONG:
-                tell(_run_time_estimate(simulator, total, left))
-            tell = None
 
 
 def energies_at(times: Array, energies: Array, step: float, every: float) -> Array:

@@ -67,6 +67,14 @@ class Report(NamedTuple):
     force_evaluations: int
     note: str = ""
 
+    def after(self, before: Report) -> Report:
+        """This one with the steps and evaluations of the run before it, too."""
+        return self._replace(
+            steps=before.steps + self.steps,
+            simulated=before.simulated + self.simulated,
+            force_evaluations=before.force_evaluations + self.force_evaluations,
+        )
+
 
 class Slide(NamedTuple):
     """A grasp through which the cable slides.

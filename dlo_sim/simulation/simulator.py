@@ -23,31 +23,22 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.core.strain import strain
 from dlo_sim.engine.arrays import ENERGIES, MATERIAL, SLIDING, TORSION
-from dlo_sim.engine.frames import curve_frames
-from dlo_sim.engine.grasps import ACTIVE, DURATION, POSITION, START
+from dlo_sim.engine.grasps import ACTIVE, DURATION, START
 from dlo_sim.engine.sliding import LOST
 from dlo_sim.scene.description import EARTH, Grasp, Obstacle, Scene, check_added
 from dlo_sim.scene.needs import (
     Needs,
     check_terms,
     inextensible,
-    mirrors,
     moments_may_come,
     needs_of,
     needs_of_end,
     needs_of_load,
 )
 from dlo_sim.simulation import following, obstacles, self_contact
-from dlo_sim.simulation.buckling import (
-    look_due,
-    plane_warning,
-    release,
-    side_note,
-    steps_between_looks,
-)
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.drawn_obstacles import drawn_obstacles
+from dlo_sim.simulation.curve import Curve
 from dlo_sim.simulation.ends import NEAR, EndDrive, apart
 from dlo_sim.simulation.forecast import (
     EVERY,
@@ -58,7 +49,6 @@ from dlo_sim.simulation.forecast import (
 )
 from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import (
-    NEAREST,
     Geometries,
     Geometry,
     Pose,
@@ -71,33 +61,25 @@ from dlo_sim.simulation.holding import holding_of
 from dlo_sim.simulation.meshes import as_text
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.natural_shape import NaturalShape
+from dlo_sim.simulation.play import CHUNK, stretch
 from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.recorder import Recorder
+from dlo_sim.simulation.remarks import Overlaps, Remarks
 from dlo_sim.simulation.report import (
-    WRONG,
     Energy,
     Report,
     Slide,
-    Status,
     UndefinedTorsion,
-    balance_warning,
-    explained,
-    newton_note,
 )
-from dlo_sim.simulation.resolution import Shortfall, continued, raised, resolved, shortfalls
+from dlo_sim.simulation.resolution import continued, resolved
 from dlo_sim.simulation.selection import check_named_method, choose, is_implicit
-from dlo_sim.simulation.soundness import judged, unexplained_stretch
+from dlo_sim.simulation.soundness import judged, sound_now
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.statics import place
-from dlo_sim.simulation.stepper import Stepper
-from dlo_sim.simulation.waiting_motions import Waiting, WaitingMotions
+from dlo_sim.simulation.stepper import Along, Stepper
+from dlo_sim.simulation.waiting_motions import Waiting
 
 Array = NDArray[np.float64]
-Overlaps = dict[tuple[str, obstacles.Overlap], tuple[int, float]]
-"""Obstacle that was inside the cable, how it came there -> how often, how deep at most [m]."""
-Basis = tuple[NDArray[np.int64], Array, Array]
-CHUNK = 4096  # steps of a long advance after which the state is kept in case of a failure
-NOTABLE = 1e4  # energy exchanged, in floors of the account: as of a motion by 1e-4 lengths a second
 LIGHT = 20.0  # weights of the cable that an obstacle in which it begins may press it with
 MOST_BASES = 16  # sets of material coordinates whose basis values are kept
 
@@ -160,7 +142,7 @@ class Simulator:
         needs = needs_of(scene)
         check_terms(scene, needs)
         check_named_method(scene)
-        self._needs = needs
+        self.needs = needs
         bodies = {one.name for one in scene.bodies}
         given = {} if end_poses is None else end_poses
         poses = given
@@ -170,14 +152,11 @@ class Simulator:
         self._origin = origin_of(geometries)
         self._geometries: Geometries = moved(geometries, -self._origin)
         self.cable = Cable(build_model(scene, needs, self._geometries, origin=self._origin))
-        self._greville = bspline.greville(self.model.knots)
-        self._frame_axis = np.eye(3)[np.argmin(np.abs(self._geometries["start"].tangent))]
-        self._ends = EndDrive(scene, self._geometries, self.model.knots)
+        self._curve = Curve(self.cable, self._geometries["start"].tangent)
+        self.ends = EndDrive(scene, self._geometries, self.model.knots)
         self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
-        self._bases: dict[bytes, Basis] = {}
-        self._steps, self._remainder = 0, 0.0
-        self._later = WaitingMotions()  # of obstacles
-        self._overlaps: Overlaps = {}
+        self.steps, self._remainder = 0, 0.0
+        self.remarks = Remarks()
         self._fill_loads()
         for name in bodies & set(given):
             self.move_obstacle(name, EndMotion.resting(*given[name]))
@@ -187,20 +166,18 @@ class Simulator:
         if not continues:
             held = [one.u for one in self._geometries.values() if one.u is not None]
             self_contact.check_start(scene, self.cable, held)
-        self._watch = self_contact.Watch()
-        self._bends: dict[str, Shortfall] = {}  # of recorded runs
         self.choice = choose(scene, self._largest_frequency(), unchecked_step)
-        self._stepper = Stepper(scene, self.cable, self.choice.method, self.choice.step)
-        # When the cable could fall to either side, and the projection (3, 3) onto these directions.
-        self._fell = None if given or continues else self._fallen_at_start()
-        self._look_every = steps_between_looks(self.choice.step, self._stepper.check_every)
+        self.needs = needs
+        self.stepper = Stepper(scene, self.cable, self.choice.method, self.choice.step)
+        if not given and not continues:
+            self.remarks.look_at_start(self)
         if not resting:
             self._give_way(let_be=LIGHT * scene.cable.mu * EARTH)
         self.cable.open_account(self.scene)
         started = time.perf_counter()
-        self._stepper.advance(0, 0)  # no tick must have to compile this or the next line
-        unexplained_stretch(self.model, self.cable.points, self._ends)
-        self._first_unstable = self._unstable_in_plane()
+        self.stepper.advance(0, 0)  # no tick must have to compile this or the next line
+        sound_now(self.cable, self.ends, 0.0)
+        self.remarks.unstable_first = self.remarks.unstable_in_plane(self)
         self._initial = self.snapshot()
         self._load_ahead()
         self.compile_seconds = time.perf_counter() - started
@@ -226,20 +203,15 @@ class Simulator:
     def _place(self, near: Simulator | None, continues: bool) -> bool:
         """Put the cable into its first shape (`statics.place`)."""
         lay = self._lay_unslipped if self._natural.follows else None
-        shape = self._points_of(near)[0] if near else None
-        return place(self.scene, self._geometries, self._ends, self.cable, lay, shape, continues)
+        shape = self.cable.shape_of(near.cable, near.time)[0] if near else None
+        return place(self.scene, self._geometries, self.ends, self.cable, lay, shape, continues)
 
     # -- what it is -------------------------------------------------------------------------------
 
     @property
     def time(self) -> float:
         """Simulated time [s]: whole steps since the start."""
-        return self._steps * self.choice.step if self._steps else 0.0
-
-    @property
-    def steps(self) -> int:
-        """Whole steps since the start."""
-        return self._steps
+        return self.steps * self.choice.step if self.steps else 0.0
 
     @property
     def step(self) -> float:
@@ -259,14 +231,14 @@ class Simulator:
     @property
     def active_terms(self) -> tuple[str, ...]:
         """Terms that the compiled step contains."""
-        return self._needs.active
+        return self.needs.active
 
     @property
     def left_out(self) -> dict[str, str]:
         """Terms that the step does not contain, and obstacles beyond the cable's reach, with the
         reason.
         """
-        return self._needs.left_out | obstacles.out_of_reach(self.scene)
+        return self.needs.left_out | obstacles.out_of_reach(self.scene)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -277,66 +249,14 @@ class Simulator:
 
     def warnings_with(self, found: Mapping[str, obstacles.Contact]) -> tuple[str, ...]:
         """`warnings` where `contacts` are known, which take long with many obstacles."""
-        itself = found.get(obstacles.ITSELF)
-        bodies = {name: one for name, one in found.items() if name != obstacles.ITSELF}
-        bends = self._bends_with(found)
-        needed = max((one.needed for one in bends.values()), default=0)
-        implicit = self.choice.method.family == IMPLICIT
-        finer = raised(self.scene, needed, implicit) if needed else ""
-        pressed = {
-            name: obstacles.press_warning(name, one, self.scene, finer)
-            for name, one in bodies.items()
-        }
-        lines = (
-            self._first_unstable,
-            self._open_balance,
-            obstacles.thin_warning(self.scene),
-            obstacles.mesh_warning(self.scene),
-            obstacles.depth_warning(self.scene, float(self.cable.account.contact_deep)),
-            *(obstacles.overlap_warning(*key, *seen) for key, seen in self._overlaps.items()),
-            *pressed.values(),
-            *(one.warning(name, finer) for name, one in bends.items() if not pressed.get(name)),
-            self._watch.warning,
-            *self_contact.warnings(self.scene, self.cable, itself, finer),
-        )
-        return (*self._needs.warnings, *filter(None, lines))
-
-    @property
-    def _open_balance(self) -> str:
-        """One line if the energy balance is open by more than the method may leave, else empty."""
-        account, method = self.cable.account, self.choice.method
-        if account.exchanged <= NOTABLE * account.floor:
-            return ""
-        return balance_warning(method, self.scene.integrator.tolerance, self.energy_error)
+        return self.remarks.warnings(self, found)
 
     @property
     def control_points_needed(self) -> int:
         """Number of control points that follow the bends of the cable round what it touches now, or
         touched in a recorded run; 0 if these do.
         """
-        return max((one.needed for one in self._bends_with(self.contacts).values()), default=0)
-
-    def _bends_with(self, found: Mapping[str, obstacles.Contact]) -> dict[str, Shortfall]:
-        """Bends that the knot spans cannot follow where `contacts` are known, and those kept."""
-        now = shortfalls(self.scene, self.model, self.cable.points, found)
-        bends = {name: max(self._bends.get(name, one), one) for name, one in now.items()}
-        return self._bends | bends
-
-    def keep_bends(self, cable: Cable, found: Mapping[str, obstacles.Contact]) -> None:
-        """Keep the bends that knot spans cannot follow at one state of a recorded run, for
-        `warnings`; found: what touches there.
-        """
-        for name, one in shortfalls(self.scene, cable.model, cable.points, found).items():
-            self._bends[name] = max(self._bends.get(name, one), one)
-
-    def look_at(self, times: Array, points: Array) -> None:
-        """Look whether a recorded run, of control points (T, n_u, 4) at times [s], passed through
-        itself; for `warnings`.
-        """
-        if "self_contact" not in self._needs:
-            self._watch.reset()
-            for time, x in zip(times.tolist(), points, strict=True):
-                self._watch.look(self.model, x[:, :3].T, self.scene.cable.diameter, time)
+        return self.remarks.points_needed(self, self.contacts)
 
     @property
     def clearance_to_itself(self) -> float:
@@ -349,31 +269,7 @@ class Simulator:
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks for readers of the results, one line each."""
-        torsion = self.undefined_torsion
-        flat = "" if self._first_unstable else self._unstable_in_plane()
-        more = (flat, torsion.note if torsion.worst else "", self._side_note)
-        return (*self.warnings, *filter(None, more))
-
-    def _fallen_at_start(self) -> tuple[float, Array] | None:
-        """Time 0 and the directions in which the first shape leaves what mirrors it, or None."""
-        across = np.diag(mirrors(self.scene))
-        fallen = side_note(self.cable, self.scene, 0.0, across)
-        return (0.0, across) if fallen else None
-
-    @property
-    def _side_note(self) -> str:
-        return side_note(self.cable, self.scene, *self._fell) if self._fell else ""
-
-    def _unstable_in_plane(self) -> str:
-        """`plane_warning` of a copy in space, which takes 50 ms; empty if the cable is there
-        anyway.
-        """
-        if len(self.model.axes) == 3 or self.scene.terms.out_of_plane != "off":
-            return ""
-        copy = deepcopy(self)
-        copy.scene = replace(self.scene, terms=replace(self.scene.terms, out_of_plane="on"))
-        copy._activate(needs_of(copy.scene), self._held_now)
-        return plane_warning(copy.cable, copy.scene)
+        return self.warnings + self.remarks.notes(self)
 
     # -- shape and motion -------------------------------------------------------------------------
 
@@ -390,7 +286,7 @@ class Simulator:
     @property
     def greville(self) -> Array:
         """Material coordinate [m] of each control point (Greville abscissa), shape (n_u,)."""
-        return self._greville.copy()
+        return self._curve.greville.copy()
 
     def centerline(self, u: ArrayLike) -> Array:
         """Points of the cable [m] at material coordinates u [m] in [0, L], shape (len(u), 3).
@@ -398,9 +294,7 @@ class Simulator:
         Raises:
             TypeError, ValueError: not such numbers.
         """
-        columns, values, _ = self._basis(_coordinates(u))
-        points = self.cable.points[:, :3].take(columns, axis=0)
-        return np.einsum("mk,mkd->md", values, points) + self.model.origin
+        return self._curve.points(_coordinates(u))
 
     def tension(self, u: ArrayLike) -> Array:
         """Tension EA (|r'| - 1) - EI kappa^2 [N] at u, shape (len(u),), without damping forces.
@@ -429,10 +323,7 @@ class Simulator:
         Raises:
             TypeError, ValueError: as `centerline`.
         """
-        basis = self._basis(_coordinates(u))
-        poses = np.empty((len(basis[0]), 7))
-        self._write_poses(self.cable.points, basis, poses)
-        return poses[:, 3:]
+        return self._curve.poses(_coordinates(u), self.time)[:, 3:]
 
     def control_poses(self, out: Array) -> None:
         """Write into out, shape (n_u, 7), every control point [m] with the material frame at its
@@ -445,30 +336,7 @@ class Simulator:
         fits = isinstance(out, np.ndarray) and out.shape == shape and out.dtype == np.float64
         if not (fits and out.flags.c_contiguous and out.flags.writeable):
             raise TypeError(f"out: needs np.empty({shape}), got {arguments.given(out)}")
-        points = self.cable.points
-        self._write_poses(points, self._basis(self._greville), out)
-        out[:, :3] = points[:, :3] + self.model.origin
-
-    def _basis(self, u: Array) -> Basis:
-        """Indices of the active control points, basis values and derivatives at u, each (m, 4);
-        cached.
-        """
-        key = u.tobytes()
-        table = self._bases.get(key)
-        if table is None:
-            first, values = bspline.active_basis(self.model.knots, u)
-            _, slopes = bspline.active_basis(self.model.knots, u, 1)
-            table = (first[:, None] + np.arange(bspline.ACTIVE), values, slopes)
-            if len(self._bases) >= MOST_BASES:
-                self._bases.clear()
-            self._bases[key] = table
-        return table
-
-    def _write_poses(self, points: Array, basis: Basis, out: Array) -> None:
-        """Points of the curve and material frames, whose second axis at the start is fixed in the
-        start's end effector, into out, shape (m, 7).
-        """
-        self.cable.call(curve_frames, points, *basis, self.time, self._frame_axis, out)
+        self._curve.control_poses(self.time, out)
 
     # -- energies and forces ----------------------------------------------------------------------
 
@@ -488,12 +356,7 @@ class Simulator:
     @property
     def energy_error(self) -> float:
         """Largest |energy - work done + energy lost| so far, as a share of the energy exchanged."""
-        cable, account = self.cable, self.cable.account
-        worst, exchanged = float(account.error), float(account.exchanged)
-        if not self._stepper.checked(self._steps):
-            error, present = cable.balance()
-            worst, exchanged = max(worst, error), max(exchanged, present)
-        return worst / max(exchanged, float(account.floor))
+        return self.cable.worst_balance(self.stepper.checked(self.steps))
 
     @property
     def undefined_torsion(self) -> UndefinedTorsion:
@@ -553,36 +416,12 @@ class Simulator:
         Raises:
             TypeError, ValueError: not a whole number of 0 or more, or a recorder of another model.
         """
-        steps, done = arguments.count("steps", steps), 0
+        steps = arguments.count("steps", steps)
         if recorder is not None:
             arguments.instance("recorder", recorder, Recorder, "a Recorder of the present model")
         if recorder is not None and recorder.model is not self.model:
             raise ValueError("recorder: is of another model; make a new one of the present model")
-        evaluations = 0
-        while done < steps:
-            piece = self._until_look(min(CHUNK, steps - done, self._steps_of_motions()))
-            status, made, used, worst = self._stepper.advance(self._steps, piece, recorder)
-            self._steps += made
-            done += made
-            evaluations += used
-            if made:
-                self._look()
-            if done >= steps or done // CHUNK > (done - made) // CHUNK or not status.ok:
-                self._watch_itself()
-            self._begin_motions()
-            if not status.ok:
-                message = (
-                    f"{explained(status, self.choice.method)} (at {self.time:.6g} s, "
-                    f"u = {self.greville[worst]:.3g} m; method {self.method}, step {self.step:g} s)"
-                )
-                return Report(status, message, done, done * self.step, evaluations)
-        touches = self.scene.touches
-        note = newton_note(self.choice.method, self.step, done, evaluations, touches)
-        wrong = unexplained_stretch(self.model, self.cable.points, self._ends, self.time)
-        if not wrong and self.choice.method.family != IMPLICIT and self.energy_error > WRONG:
-            wrong = self._open_balance
-        status = Status.UNRESOLVED if wrong else Status.OK
-        return Report(status, wrong, done, done * self.step, evaluations, note)
+        return stretch(self, steps, recorder)
 
     def follow(
         self, times: ArrayLike, poses: Mapping[str, ArrayLike], samples: ArrayLike
@@ -624,14 +463,15 @@ class Simulator:
             raise TypeError(
                 f"poses: needs {{'start': numbers (T, 7)}}, got {arguments.given(poses)}"
             )
-        for name, waiting in self._ends.waiting.items():
-            if name not in poses:
+        for name in self.scene.holders:
+            waiting = self.ends.queue.of(name)
+            if waiting and name not in poses:
                 raise ValueError(
                     f"poses: none of {name}, whose next motion begins at {waiting[0].start:g} s, "
                     "while poses can only be followed beside motions that have begun; give poses "
                     f"of {name} too, or follow them after that time"
                 )
-        stamps, grid = following.checked_times(times, self._steps, self.step)
+        stamps, grid = following.checked_times(times, self.steps, self.step)
         wanted = following.checked_samples(samples, self.time, stamps[-1])
         away = np.append(self._origin, np.zeros(4))
         rows = {name: self.path(name, given, len(stamps)) - away for name, given in poses.items()}
@@ -645,25 +485,9 @@ class Simulator:
         for name, path in paths.items():
             row = list(self.scene.holders).index(name)
             motions[:, row] = following.motions_along(cable.motion[row], grid, path)
-        moments, turns = self._natural.turns_along(motions)
-        done, evaluations, status = 0, 0, Status.OK
-        while done < len(motions) and status.ok:
-            most = min(self._steps_of_obstacles(), len(motions) - done)
-            piece = slice(done, done + self._until_look(most))
-            natural = moments, turns[piece]
-            made = self._stepper.advance_along(self._steps, recorder, motions[piece], natural)
-            self._steps += made.steps
-            done += made.steps
-            evaluations += made.evaluations
-            status = made.status
-            if made.steps:
-                self._look()
-            self._begin_motions_of_obstacles()
-        self._watch_itself()
-        self._ends.restored()
-        why = explained(status, self.choice.method)
-        message = "" if status.ok else f"{why} (at {self.time:.6g} s)"
-        report = Report(status, message, done, done * self.step, evaluations)
+        along = Along(motions, *self._natural.turns_along(motions))
+        report = stretch(self, len(motions), recorder, along)
+        self.ends.restored()
         return judged(report, recorder), recorder
 
     def forecast(self, plan: Plan, every: float = EVERY) -> Forecast:
@@ -689,70 +513,45 @@ class Simulator:
         at = np.minimum(now + samples, now + times[-1])
         report, recorder = future.record_along(now + times, poses, at)
         count, shapes = recorder.count, recorder.along(self.scene)
-        drawn = drawn_obstacles(future.scene, future.cable, recorder, future.keep_bends)
+        drawn = future.remarks.look_back(future, recorder, samples[:count])
         points = recorder.control_points
-        future.look_at(samples[:count], points)
         told = future.warnings, future.control_points_needed
         return Forecast(samples[:count], points, *shapes, report, drawn, *told)
 
-    def _until_look(self, steps: int) -> int:
-        """At most `steps`, and none beyond the next look at a cable on a line or in a plane. One
-        that is far from it will not be exactly there so soon.
-        """
-        every = self._look_every * look_due(self.cable)
-        return min(steps, every - self._steps % every) if every else steps
-
-    def _look(self) -> None:
-        """Look at a cable on a line or in a plane, where it is time to."""
-        if self._steps % self._look_every == 0:
-            every = self._look_every * look_due(self.cable)
-            if every and self._steps % every == 0:
-                free = release(self.cable, self.scene)
-                if free is not None and not self._side_note:
-                    across, axes = np.zeros((3, 3)), list(self.model.axes)
-                    across[np.ix_(axes, axes)] = free
-                    self._fell = self.time, across
-
-    def _watch_itself(self) -> None:
-        """Look whether the cable passes through itself, where it does not touch itself."""
-        if "self_contact" not in self._needs:
-            x = self.cable.x[: len(self.model.axes)]
-            self._watch.look(self.model, x, self.scene.cable.diameter, self.time)
-
-    def _steps_of_motions(self) -> int:
-        """Number of steps that the present motions of end effectors and obstacles last."""
-        steps = self._ends.steps_until_begin(self.time, self.step)
-        if steps == 0:
-            self._ends.lead_over(self.time, self.step)
-            self._turn_natural_shape()
-        return min(self._steps_of_obstacles(), CHUNK if steps is None else max(steps, 1))
-
-    def _steps_of_obstacles(self) -> int:
-        """Number of steps that the present motions of the obstacles last."""
-        steps = self._later.steps_until_begin(self.time, self.step)
-        if steps == 0:
-            for name, motion in self._later.leading(self.time, self.step, self._pose_of).items():
-                obstacles.write(self._obstacle(name), motion)
-        return CHUNK if steps is None else max(steps, 1)
-
-    def _begin_motions(self) -> None:
-        """Let motions begin that have waited for the present time."""
-        self._begin_motions_of_obstacles()
-        if self._ends.begin_motions(self.time):
-            self._turn_natural_shape()
-
-    def _begin_motions_of_obstacles(self) -> None:
-        for name, motion in self._later.take_due(self.time).items():
-            obstacles.write(self._obstacle(name), motion)
-
-    def _pose_of(self, obstacle: str, t: float) -> tuple[Array, Array]:
-        """Position [m] and quaternion of an obstacle at time t, in the coordinates of the model."""
-        return obstacles.pose_at(self._obstacle(obstacle), t, np.zeros(3))
-
     @property
-    def _waiting(self) -> Waiting:
-        """Motions of end effectors and obstacles that have not begun."""
-        return {**self._ends.waiting, **self._later.by_name}
+    def steps_of_motions(self) -> int:
+        """Number of steps for which end effectors and obstacles keep to their present motions."""
+        queue = self.ends.queue
+        if not queue:
+            return CHUNK
+        steps = queue.steps_until_begin(self.time, self.step)
+        if steps == 0:
+            self._go_on(queue.leading(self.time, self.step, self._pose_of))
+        return max(steps, 1)
+
+    def begin_motions(self) -> None:
+        """Let motions begin that have waited for the present time."""
+        if self.ends.queue:
+            self._go_on(self.ends.queue.take_due(self.time))
+
+    def _go_on(self, motions: Mapping[str, EndMotion]) -> None:
+        """Let end effectors and obstacles follow these motions from now on."""
+        held = self.scene.holders.keys() & motions.keys()
+        for name, motion in motions.items():
+            if name in held:
+                self.ends.go_on(name, self.time, motion)
+            else:
+                obstacles.write(self._obstacle(name), motion)
+        if held:
+            self._turn_natural_shape()
+
+    def _pose_of(self, name: str, t: float) -> tuple[Array, Array]:
+        """Position [m] and quaternion of an end effector or obstacle at time t, in the coordinates
+        of the model.
+        """
+        if name in self.scene.holders:
+            return self.ends.pose(name, t)
+        return obstacles.pose_at(self._obstacle(name), t, np.zeros(3))
 
     # -- loads and end effectors ------------------------------------------------------------------
 
@@ -767,7 +566,7 @@ class Simulator:
         arguments.one_of("load", name, self._load_index)
         push = _three(f"force of {name}", force, "N")
         turn = _three(f"torque of {name}", torque, "N m")
-        self._need(needs_of_load(self._needs, self.scene, push, turn))
+        self._need(needs_of_load(self.needs, self.scene, push, turn))
         row = self.cable.loads[self._load_index[name]]
         if push is not None:
             row[:3] = push
@@ -781,7 +580,7 @@ class Simulator:
         """
         if any(obstacle.name == end for obstacle in self.scene.bodies):
             return obstacles.pose_at(self._obstacle(end), self.time, self.model.origin)
-        position, orientation = self._ends.pose(end, self.time)
+        position, orientation = self.ends.pose(end, self.time)
         return position + self.model.origin, orientation
 
     def path(self, name: str, given: ArrayLike, count: int) -> Array:
@@ -831,10 +630,10 @@ class Simulator:
         """
         if any(obstacle.name == end for obstacle in self.scene.bodies):
             return self.move_obstacle(end, motion)
-        self._ends.check_motion(end, self.time, motion, self.step, self.model.origin)
+        self.ends.check_motion(end, self.time, motion, self.step, self.model.origin)
         motion = motion.moved(-self.model.origin)
-        if not self._ends.follow_later(end, self.time, motion):
-            self._ends.follow(end, self.time, motion)
+        if not self.ends.follow_later(end, self.time, motion):
+            self.ends.follow(end, self.time, motion)
         self._need(self._needs_moved(end))
         self._turn_natural_shape()
 
@@ -868,13 +667,13 @@ class Simulator:
         arguments.instance("motion", motion, EndMotion, "dlo_sim.EndMotion")
         motion = motion.moved(-self.model.origin)
         leaves = obstacles.leaves_plane(motion, self.model.axes)
-        needs = self._needs.spatial(self.scene) if leaves else self._needs
+        needs = self.needs.spatial(self.scene) if leaves else self.needs
         self._need(needs)
         row = self._obstacle(name)
         row[ACTIVE] = 1.0
         moves = bool(row[START] + row[DURATION] > self.time)
-        if not self._later.keep(name, self.time, motion, moves):
-            self._later.drop(name)
+        if not self.ends.queue.keep(name, self.time, motion, moves):
+            self.ends.queue.drop(name)
             obstacles.write(row, motion)
 
     def add_obstacles(self, added: Iterable[Obstacle]) -> None:
@@ -941,15 +740,15 @@ class Simulator:
         obstacles.fields_of(scene)  # refuses a mesh while nothing is changed
         self.cable.settle(self.time)
         before, kept = self.cable.present_energy(), self._pressures
-        self.scene, needs = scene, self._needs.with_contact(bool(scene.bodies) and scene.touches)
+        self.scene, needs = scene, self.needs.with_contact(bool(scene.bodies) and scene.touches)
         place = self._geometries["start"].attachment + self._origin
         missing = {0, 1, 2} - set(needs.axes)
         across = any(one.pushes_along(k, float(place[k])) for k in missing for one in added)
         if across or (added and scene.terms.out_of_plane != "off"):
             needs = needs.spatial(scene)
         for one in known ^ set(scene.bodies):
-            self._later.drop(one.name)
-        self._activate(needs, self._geometries)
+            self.ends.queue.drop(one.name)
+        self.activate(needs, self._geometries)
         new = (one.name for one in set(scene.bodies) - known)
         self._give_way({name: kept.get(name, obstacles.UNTOUCHED) for name in new})
         self.cable.account.drive_work += self.cable.present_energy() - before
@@ -957,9 +756,9 @@ class Simulator:
     @property
     def contacts(self) -> dict[str, obstacles.Contact]:
         """`contact` of all obstacles by name, and of the cable with itself under ITSELF."""
-        touching = self.scene.bodies if "contact" in self._needs else ()
+        touching = self.scene.bodies if "contact" in self.needs else ()
         found = {obstacle.name: self.contact(obstacle.name) for obstacle in touching}
-        if "self_contact" in self._needs:
+        if "self_contact" in self.needs:
             tension = obstacles.tension_along(self.scene, self.cable)
             found[obstacles.ITSELF] = self_contact.contact_with_itself(
                 self.cable, self.scene.cable.diameter, tension
@@ -982,7 +781,7 @@ class Simulator:
     @property
     def _touchable(self) -> tuple[str, ...]:
         """Names of the obstacles that the cable can touch, in the order of their numbers."""
-        return tuple(one.name for one in self.scene.bodies) if "contact" in self._needs else ()
+        return tuple(one.name for one in self.scene.bodies) if "contact" in self.needs else ()
 
     @property
     def _pressures(self) -> dict[str, obstacles.Pressure]:
@@ -1005,8 +804,8 @@ class Simulator:
             if name in kept:
                 depth = obstacles.give_way(self.cable, number, kept[name], let_be)
                 if depth > how.notable * diameter:
-                    count, most = self._overlaps.get((name, how), (0, 0.0))
-                    self._overlaps[name, how] = count + 1, max(most, depth)
+                    count, most = self.remarks.overlaps.get((name, how), (0, 0.0))
+                    self.remarks.overlaps[name, how] = count + 1, max(most, depth)
 
     def surface(self, name: str) -> Array:
         """Triangles [m] that show an obstacle that is a mesh, ring or channel, in its frame, shape
@@ -1031,23 +830,23 @@ class Simulator:
         tangent: ArrayLike | None = None,
     ) -> None:
         """`set_end` to a position in the cable's coordinates."""
-        before = self._ends.state_of(end)
-        self._ends.place(end, self.time, position, orientation, tangent)
+        before = self.ends.state_of(end)
+        self.ends.place(end, self.time, position, orientation, tangent)
         # What the jump brings in begins where the end was: its springs do work on the way.
-        needs, after = self._needs_moved(end), self._ends.state_of(end)
-        self._ends.set_state(end, before)
+        needs, after = self._needs_moved(end), self.ends.state_of(end)
+        self.ends.set_state(end, before)
         self._need(needs)
-        self._ends.set_state(end, after)
+        self.ends.set_state(end, after)
         self._turn_natural_shape()
         if self.choice.method.family != IMPLICIT:  # implicit steps account for the jump exactly
-            self.cable.jump(self.time, lambda points: self._ends.put(points, self.time))
+            self.cable.jump(self.time, lambda points: self.ends.put(points, self.time))
 
     def _needs_moved(self, end: str) -> Needs:
         """What a moved end needs: the drive itself, the third coordinate, twist."""
         first = self._geometries[end].position
-        leaves_plane = not self._ends.stays_in_plane(end, self.model.axes, first)
-        twists = "twist" not in self._needs and self._ends.twists(end)
-        return needs_of_end(self._needs, self.scene, leaves_plane=leaves_plane, twists=twists)
+        leaves_plane = not self.ends.stays_in_plane(end, self.model.axes, first)
+        twists = "twist" not in self.needs and self.ends.twists(end)
+        return needs_of_end(self.needs, self.scene, leaves_plane=leaves_plane, twists=twists)
 
     def _needs_along(self, end: str, path: Array) -> Needs:
         """Needs once an end effector moves along a path of poses, shape (K, 7)."""
@@ -1058,8 +857,8 @@ class Simulator:
             np.ptp(path[:, across]) > 0.0 or np.abs(turns[:, list(self.model.axes)]).max() > 1e-12
         )
         rolls = self.scene.holders[end].holds_roll
-        twists = rolls and bool(np.abs(turns @ self._ends.tangent(end, self.time)).max() > 1e-12)
-        return needs_of_end(self._needs, self.scene, leaves_plane=leaves, twists=twists)
+        twists = rolls and bool(np.abs(turns @ self.ends.tangent(end, self.time)).max() > 1e-12)
+        return needs_of_end(self.needs, self.scene, leaves_plane=leaves, twists=twists)
 
     # -- grasps -----------------------------------------------------------------------------------
 
@@ -1093,9 +892,9 @@ class Simulator:
             TypeError, ValueError: no grasp, or one that does not hold the cable.
         """
         self._known_grasp(grasp)
-        if self._held_now[grasp].u is None:
+        if self.held_now[grasp].u is None:
             raise ValueError(f"grasp '{grasp}': does not hold the cable; take it before")
-        self._hold(grasp, replace(self._held_now[grasp], u=None))
+        self._hold(grasp, replace(self.held_now[grasp], u=None))
 
     def held_at(self, grasp: str) -> float | None:
         """Material coordinate [m] at which a grasp holds the cable now; None: it does not.
@@ -1104,7 +903,7 @@ class Simulator:
             TypeError, ValueError: no grasp.
         """
         self._known_grasp(grasp)
-        return self._held_now[grasp].u
+        return self.held_now[grasp].u
 
     @property
     def slides(self) -> dict[str, Slide]:
@@ -1112,7 +911,7 @@ class Simulator:
         found, length, EI = {}, self.scene.cable.length, self.scene.cable.EI
         away = 2.0 * length / (self.model.n - bspline.DEGREE)
         for name in [grasp.name for grasp in self.scene.grasps if grasp.slides]:
-            u = self._held_now[name].u
+            u = self.held_now[name].u
             if u is not None:
                 beside = np.clip([u - away, u + away], 0.0, length)
                 pulls = self.tension(beside) + 0.5 * EI * self.curvature(beside) ** 2
@@ -1120,7 +919,7 @@ class Simulator:
         return found
 
     @property
-    def _held_now(self) -> Geometries:
+    def held_now(self) -> Geometries:
         """What holds the cable, at the present material coordinates; a cable that has slipped out
         of a grasp is not held by it.
         """
@@ -1139,35 +938,22 @@ class Simulator:
     def _geometry_taken(self, grasp: str, at: float | None) -> Geometry:
         """How a grasp would hold the cable if it took it now."""
         scene_grasp = self._known_grasp(grasp)
-        if self._held_now[grasp].u is not None:
+        if self.held_now[grasp].u is not None:
             raise ValueError(f"grasp '{grasp}': holds the cable already; release it before")
         share = scene_grasp.at if at is None else arguments.number("at", at, "from -1 to 1")
-        if not -1.0 <= share <= 1.0:
-            raise ValueError(f"at: needs a number from 0 to 1, or below for nearest, got {share!r}")
-        u = share * self.scene.cable.length
-        position, orientation = self._ends.pose(grasp, self.time)
-        if share < 0.0:
-            places = np.linspace(0.0, self.scene.cable.length, NEAREST)
-            away = np.linalg.norm(self.centerline(places) - self.model.origin - position, axis=1)
-            u = float(places[np.argmin(away)])
-        columns, values, slopes = self._basis(np.array([u]))
-        points = self.cable.points[columns[0], :3]
-        tangent = (slopes[0, :, None] * points).sum(axis=0)
-        tangent = rotations.rotate(rotations.conjugate(orientation), tangent)
-        tangent /= math.hypot(*tangent)
-        place = (values[0, :, None] * points).sum(axis=0)
-        return Geometry(position, orientation, place, tangent, u)
+        length = self.scene.cable.length
+        return self._curve.taken(share, length, *self.ends.pose(grasp, self.time))
 
     def _hold(self, grasp: str, geometry: Geometry) -> None:
         """Hold the cable as a grasp does from now on; what that changes in energy is its work."""
         geometries = self._held_with(grasp, geometry)
         self.cable.settle(self.time)
-        before, held = self.cable.present_energy(), self._held_now[grasp].u
-        self._ends.hold(grasp, geometry)
+        before, held = self.cable.present_energy(), self.held_now[grasp].u
+        self.ends.hold(grasp, geometry)
         if geometry.u is not None:
-            angle = self._angle_at(geometry.u, self.cable.points)
-            self._ends.count_from(grasp, self.time, angle)
-        self._activate(self._needs, geometries)
+            angle = self._curve.twist_at(geometry.u, self.cable.points)
+            self.ends.count_from(grasp, self.time, angle)
+        self.activate(self.needs, geometries)
         if geometry.u is None:
             self.cable.part_strands(held)
         self.cable.account.drive_work += self.cable.present_energy() - before
@@ -1178,15 +964,10 @@ class Simulator:
         Raises:
             SceneError: it holds what is held already.
         """
-        geometries = {**self._held_now, grasp: geometry}
+        geometries = {**self.held_now, grasp: geometry}
         model = self.model
         holding_of(self.scene, geometries, model.knots, model.axes, model.twist)
         return geometries
-
-    def _angle_at(self, u: float, points: Array) -> float:
-        """Twist angle [rad] of control points (n, 4) at u [m]."""
-        columns, values, _ = self._basis(np.array([u]))
-        return float((values[0] * points[columns[0], 3]).sum())
 
     # -- state ------------------------------------------------------------------------------------
 
@@ -1194,16 +975,16 @@ class Simulator:
         """The present state, from which `restore` continues bit for bit."""
         return Snapshot(
             self.scene,
-            self._steps,
+            self.steps,
             self._remainder,
-            self._needs,
+            self.needs,
             self.cable.state.copy(),
             self.cable.inputs.copy(),
             self._geometries,
             self._origin,
             self.step,
-            self._waiting,
-            dict(self._overlaps),
+            self.ends.queue.by_name,
+            dict(self.remarks.overlaps),
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -1215,10 +996,10 @@ class Simulator:
         arguments.instance("snapshot", snapshot, Snapshot, "from Simulator.snapshot")
         if snapshot.scene != replace(self.scene, added=snapshot.scene.added):
             raise ValueError("snapshot: is of another scene; restore it where it was taken")
-        self._steps = snapshot.steps
+        self.steps = snapshot.steps
         self._remainder = snapshot.remainder
         known = snapshot.scene == self.scene and snapshot.geometries is self._geometries
-        if snapshot.needs != self._needs or not known:
+        if snapshot.needs != self.needs or not known:
             self.scene = snapshot.scene
             self._geometries, self._origin = snapshot.geometries, snapshot.origin
             self.cable.activate(
@@ -1226,19 +1007,17 @@ class Simulator:
             )
             self._hold_cable()
             self._shape_naturally()
-        self._needs = snapshot.needs  # equal needs may have different warnings
+        self.needs = snapshot.needs  # equal needs may have different warnings
         self.cable.state[:] = snapshot.state
         self.cable.inputs[:] = snapshot.inputs
-        if self._fell and self._fell[0] > self.time:
-            self._fell = None
-        self._ends.restored(snapshot.waiting)
-        names = {obstacle.name for obstacle in self.scene.bodies}
-        waiting = {name: snapshot.waiting[name] for name in snapshot.waiting if name in names}
-        self._later.replace(waiting)
-        self._overlaps = dict(snapshot.overlaps)
+        if self.remarks.fell and self.remarks.fell[0] > self.time:
+            self.remarks.fell = None
+        self.ends.restored()
+        self.ends.queue.replace(snapshot.waiting)
+        self.remarks.overlaps = dict(snapshot.overlaps)
         if snapshot.step != self.step:  # of explicit steps, chosen in another shape
             self.choice = replace(self.choice, step=snapshot.step)
-            self._stepper = Stepper(self.scene, self.cable, self.choice.method, self.step)
+            self.stepper = Stepper(self.scene, self.cable, self.choice.method, self.step)
 
     def reset(self) -> None:
         """Go back to the initial state."""
@@ -1282,7 +1061,7 @@ class Simulator:
                 or coordinates that are beyond the cable or not simulated.
         """
         given = points, times, coordinates
-        place, rates = cable_through(self.scene, self._ends, self._geometries, self.model, *given)
+        place, rates = cable_through(self.scene, self.ends, self._geometries, self.model, *given)
         twist = self.control_points[:, 3:]
         self._begin(np.hstack([place, twist]), np.hstack([rates, np.zeros_like(twist)]))
 
@@ -1294,11 +1073,10 @@ class Simulator:
             speed = self.model.own_columns("velocities", rates, rest=False)
         before = self.snapshot()
         given = place.copy()
-        self._ends.take_frame_turns(self.cable.frame_turn)
-        self._ends.put(place, 0.0)
+        self.ends.take_frame_turns(self.cable.frame_turn)
+        self.ends.put(place, 0.0)
         self.cable.forget_contact()
-        self._watch.reset()
-        self._bends, self._overlaps, self._fell = {}, {}, None
+        self.remarks.clear()
         self.cable.put(place, speed, 0.0)
         if self._natural.follows:
             self._lay_natural_shape()
@@ -1308,7 +1086,7 @@ class Simulator:
         if not math.isfinite(self.cable.account.energy_start):
             self.restore(before)
             raise ValueError("control points: have no finite energy; neighbours must not coincide")
-        self._steps, self._remainder = 0, 0.0
+        self.steps, self._remainder = 0, 0.0
         self._initial = self.snapshot()
         if shifted > 1e-9 * self.scene.cable.length:
             warnings.warn(
@@ -1337,8 +1115,8 @@ class Simulator:
         cable.settle(self.time)
         before, kept = cable.present_energy(), (cable.state.copy(), cable.inputs.copy())
         lost = cable.account.dissipated
-        self._ends.take_frame_turns(cable.frame_turn)
-        self._ends.put(points, self.time)
+        self.ends.take_frame_turns(cable.frame_turn)
+        self.ends.put(points, self.time)
         cable.put(points, rates, self.time, follow=True)
         work = cable.present_energy() - before + cable.account.dissipated - lost
         if not math.isfinite(work):
@@ -1352,7 +1130,7 @@ class Simulator:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Connect the end effectors of a copy to the copy's own arrays."""
         self.__dict__.update(state)
-        self._ends.live_in(self.cable.motion)
+        self.ends.live_in(self.cable.motion)
 
     # -- another scene ----------------------------------------------------------------------------
 
@@ -1391,23 +1169,25 @@ class Simulator:
         arguments.instance("other", other, Simulator, "one that runs")
         self.replace_added(other.scene.added)
         if len(other.model.axes) == 3:
-            self._need(self._needs.spatial(self.scene))
+            self._need(self.needs.spatial(self.scene))
         if other.cable.points[:, 3].any():
-            self._need(self._needs.with_twist(self.scene))
+            self._need(self.needs.with_twist(self.scene))
         way = other._origin - self._origin
-        points, rates = self._points_of(other)
-        self._ends.take_over(other._ends, other.time, other.cable.frame_turn, way)
+        points, rates = self.cable.shape_of(other.cable, other.time)
+        here = {*self.scene.holders, *(one.name for one in self.scene.bodies)}
+        self.ends.queue.take_over(other.ends.queue.by_name, here, other.time, way)
+        self.ends.take_over(other.ends, other.time, other.cable.frame_turn, way)
         for name in self.scene.holders:
-            if self._ends.state_of(name)[0][ACTIVE]:
+            if self.ends.state_of(name)[0][ACTIVE]:
                 self._need(self._needs_moved(name))
         taking = self._take_over_grasps(other)
         for name, holder in self.scene.holders.items():
             at = self._geometries[name].u
             if at is not None and holder.holds_roll and not other.scene.holders[name].holds_roll:
-                self._ends.count_from(name, 0.0, self._angle_at(at, points))
-        self._take_over_obstacles(other)
-        self._ends.pull_springs(self.cable, self.time)
-        self._ends.put(points, 0.0)
+                self.ends.count_from(name, 0.0, self._curve.twist_at(at, points))
+        obstacles.take_over(self.cable, other.cable, other.time)
+        self.ends.pull_springs(self.cable, self.time)
+        self.ends.put(points, 0.0)
         self.cable.point_grasps(0.0)
         self.cable.put(points, rates, 0.0)
         self.cable.take_over_samples(other.cable)
@@ -1418,62 +1198,36 @@ class Simulator:
         for grasp in taking:
             self.take(grasp)
         names = set(self._touchable)
-        self._overlaps = {key: n for key, n in other._overlaps.items() if key[0] in names}
+        self.remarks.overlaps = {
+            key: n for key, n in other.remarks.overlaps.items() if key[0] in names
+        }
         kept = other._pressures
         self._give_way(kept, obstacles.Overlap.CHANGED)
         self._give_way(dict.fromkeys(names - kept.keys(), obstacles.UNTOUCHED))
         now, before = (
-            {one.u for one in sim._held_now.values() if one.u is not None} for sim in (self, other)
+            {one.u for one in sim.held_now.values() if one.u is not None} for sim in (self, other)
         )
         self.cable.open_account(self.scene, other.cable, sorted(before - now))
         self._initial = self.snapshot()
-
-    def _points_of(self, other: Simulator) -> tuple[Array, Array]:
-        """Control points of this cable, and their velocities, with the shape and motion of another
-        one, in the coordinates of this model, each (n, 4).
-        """
-        points, rates, knots = other.cable.points, other.velocities, other.model.knots
-        points[:, :3] += other._origin - self._origin
-        if np.array_equal(self.model.knots, knots):
-            return points, rates
-        u = self.greville * (other.scene.cable.length / self.scene.cable.length)
-        there = (bspline.evaluate(values, knots, u) for values in (points, rates))
-        points, rates = (bspline.interpolate(self.model.knots, values) for values in there)
-        return points, rates
-
-    def _take_over_obstacles(self, other: Simulator) -> None:
-        """Continue the motions of the other simulator's obstacles."""
-        way = other._origin - self._origin
-        names = [one.name for one in other.scene.bodies]
-        theirs = dict(zip(names, other.cable.obstacles, strict=False))
-        for obstacle, row in zip(self.scene.bodies, self.cable.obstacles, strict=False):
-            before = theirs.get(obstacle.name)
-            if before is not None and before[ACTIVE]:
-                row[:] = before
-                row[START] -= other.time
-                row[POSITION : POSITION + 3] += way
-        here = {one.name for one in self.scene.bodies}
-        self._later.take_over(other._later.by_name, here, other.time, way)
-        self.cable.place_obstacles(0.0)
 
     def _take_over_grasps(self, other: Simulator) -> list[str]:
         """Hold what the other simulator's grasps hold, as far as the scene agrees; returns the
         names of the grasps that still have to take the cable.
         """
         held, taking = dict(self._geometries), []
-        theirs = moved(other._held_now, other._origin - self._origin)
+        theirs = moved(other.held_now, other._origin - self._origin)
         for grasp in self.scene.grasps:
             name, before = grasp.name, theirs[grasp.name]
             if grasp.taken and before.u is not None and grasp.at == other.scene.grasp(name).at:
                 longer = self.scene.cable.length / other.scene.cable.length
                 held[name] = replace(before, u=before.u * longer)
-                self._ends.hold(name, held[name])
+                self.ends.hold(name, held[name])
             else:
                 held[name] = replace(held[name], u=None)
                 slipped_out = before.u is None and other.scene.grasp(name).taken
                 taking += [name] * (grasp.taken and not slipped_out)
         if self.scene.grasps:
-            self._activate(self._needs, held)
+            self.activate(self.needs, held)
         return taking
 
     # -- arrays -----------------------------------------------------------------------------------
@@ -1493,9 +1247,9 @@ class Simulator:
 
     def _hold_cable(self) -> None:
         """Let the end effectors and grasps hold the cable where they are now."""
-        self._ends.live_in(self.cable.motion)
-        self._ends.pull_springs(self.cable, self.time)
-        self.cable.point_grasps(self.time if self._steps else 0.0)
+        self.ends.live_in(self.cable.motion)
+        self.ends.pull_springs(self.cable, self.time)
+        self.cable.point_grasps(self.time if self.steps else 0.0)
         self.cable.place_obstacles(self.time)
 
     def _shape_naturally(self) -> None:
@@ -1519,7 +1273,7 @@ class Simulator:
 
     @property
     def _start_orientation(self) -> Array:
-        return self._ends.orientation("start", self.time)
+        return self.ends.orientation("start", self.time)
 
     def _load_ahead(self) -> None:
         """Load the code of what may come, which no step or tick must have to compile: reading the
@@ -1528,12 +1282,12 @@ class Simulator:
         self.cable.velocities(0.0)
         self.cable.balance()
         self.cable.present_energy()
-        needs = needs_of_load(self._needs, self.scene, None, np.ones(3))
-        if moments_may_come(self.scene) and "twist" in needs and "twist" not in self._needs:
+        needs = needs_of_load(self.needs, self.scene, None, np.ones(3))
+        if moments_may_come(self.scene) and "twist" in needs and "twist" not in self.needs:
             self._need(needs)
             self._read()
             self.restore(self._initial)
-        if self.scene.contact.markers and "contact" not in self._needs:
+        if self.scene.contact.markers and "contact" not in self.needs:
             x, y, z = (self._origin + 1e3 * self.scene.cable.length).tolist()
             mesh = as_text(obstacles.surface(Obstacle("box", "box")))
             body = Obstacle("body", "mesh", position=(x, y, z), mesh=mesh, mesh_cells=8)
@@ -1553,7 +1307,7 @@ class Simulator:
 
     def _read(self) -> None:
         """Step and read the state as a node does, with the terms that are active now."""
-        self._stepper.advance(0, 0)
+        self.stepper.advance(0, 0)
         self.control_poses(np.empty((self.model.n, 7)))
         for holder in self.scene.holders:
             self.reaction_wrench(holder)
@@ -1561,19 +1315,19 @@ class Simulator:
 
     def _need(self, needs: Needs) -> None:
         """Activate the terms and lines that these needs add; the state is kept."""
-        had, has = ((one.axes, "twist" in one, "loads" in one) for one in (self._needs, needs))
+        had, has = ((one.axes, "twist" in one, "loads" in one) for one in (self.needs, needs))
         if had == has:
-            self._needs = needs
+            self.needs = needs
         else:
-            self._activate(needs, self._held_now)
+            self.activate(needs, self.held_now)
 
-    def _activate(self, needs: Needs, geometries: Geometries) -> None:
+    def activate(self, needs: Needs, geometries: Geometries) -> None:
         """Go on with other needs or grasps from the present state."""
         cable, points, rates = self.cable, self.cable.points, self.velocities
         pulled = dict(zip(self.model.spring_places, cable.anchors.tolist(), strict=True))
         in_material_frame = self.model.has(MATERIAL)
-        self._ends.take_frame_turns(cable.frame_turn)
-        self._needs, self._geometries = needs, geometries
+        self.ends.take_frame_turns(cable.frame_turn)
+        self.needs, self._geometries = needs, geometries
         cable.activate(build_model(self.scene, needs, geometries, origin=self._origin))
         self._hold_cable()
         for k, held in enumerate(self.model.spring_places):

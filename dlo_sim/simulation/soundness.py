@@ -20,13 +20,15 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float64
+from numba import boolean, float64, int64
 from numpy.typing import NDArray
 
-from dlo_sim.compiling.pieces import ARRAY_3D, piece
+from dlo_sim.compiling.pieces import ARRAY_3D, part, piece
 from dlo_sim.core import bspline
 from dlo_sim.core.bspline import ACTIVE
-from dlo_sim.engine.arrays import ANY_STRETCH, SPAN_STRETCH
+from dlo_sim.engine.arrays import ANY_STRETCH, MARGIN, SPAN_STRETCH, cable_at
+from dlo_sim.engine.grasps import component, direction_at
+from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.recorder import Recorder
@@ -69,6 +71,18 @@ def unexplained_stretch(
     return ""
 
 
+def sound_now(cable: Cable, ends: EndDrive, time: float) -> str:
+    """`unexplained_stretch` of a cable at the present time [s]: microseconds where all is well."""
+    model = cable.model
+    if not model.has(ANY_STRETCH):
+        return ""
+    places, by_span = _places(model.knots.tobytes()), model.has(SPAN_STRETCH)
+    shape, given = np.empty((1, model.n, 3)), (time, ends.clamps)
+    if cable.call(is_sound, *given, shape, places.slopes, places.projection, by_span):
+        return ""
+    return unexplained_stretch(model, cable.points, ends, time)
+
+
 def leaves_clamp_backwards(points: Array, ends: EndDrive, time: float = 0.0) -> str:
     """Name of a clamped end whose first edge points against its clamp at a time [s]; "" if none."""
     for name in ends.clamped:
@@ -78,8 +92,48 @@ def leaves_clamp_backwards(points: Array, ends: EndDrive, time: float = 0.0) -> 
     return ""
 
 
+@piece(boolean, int64, float64, int64, ARRAY_3D, ARRAY_3D, ARRAY_3D, boolean)
+def is_sound(
+    address: int,
+    t: float,
+    clamps: int,
+    shape: Array,
+    slopes: Array,
+    projection: Array,
+    by_span: bool,
+) -> bool:
+    """Whether `unexplained_stretch` has nothing to say of the cable at an address at time t.
+
+    Args:
+        clamps: bits of the clamped ends (`EndDrive.clamps`). shape: for its points, (1, n, 3).
+    """
+    cable = cable_at(address)
+    shape[:] = 0.0
+    for axis in range(cable.dim):
+        for i in range(cable.n):
+            shape[0, i, cable.axes[axis]] = cable.state.x[axis, MARGIN + i]
+    for end in range(2):
+        if clamps & (1 << end):
+            d = direction_at(cable.inputs.motion[end], t)
+            i, along = end * (cable.n - 2), 0.0
+            for axis in range(3):
+                along += (shape[0, i + 1, axis] - shape[0, i, axis]) * component(d, axis)
+            if along <= 0.0:
+                return False
+    _, _, length, explained = stretched_most(shape, slopes, projection, by_span)
+    return abs(length - explained) <= BOUND
+
+
 @piece((float64, float64, float64, float64), ARRAY_3D, ARRAY_3D, ARRAY_3D, boolean)
 def worst_stretch(
+    shapes: Array, slopes: Array, projection: Array, by_span: bool
+) -> tuple[float, float, float, float]:
+    """`stretched_most` for Python."""
+    return stretched_most(shapes, slopes, projection, by_span)
+
+
+@part
+def stretched_most(
     shapes: Array, slopes: Array, projection: Array, by_span: bool
 ) -> tuple[float, float, float, float]:
     """Span, place in it, |r'| and what the tension explains of it where these differ most.

@@ -23,20 +23,39 @@ from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Status
 
 Array = NDArray[np.float64]
-NaturalAlong = tuple[Array, Array]
-"""What `NaturalShape.turns_along` returns."""
 GUARD_STEPS = 16  # explicit steps between two checks of the energy
 GROSS_SHARE = 1.0  # of the energy exchanged: states with a larger energy error are never shown
 SOUND_SHARE = 0.1  # of the energy exchanged: largest energy error from which steps are retried
 RETRIES = (2, 4, 8, 16, 32, 64)  # numbers of smaller steps that replace a failed one
 _STATUS = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)
-_NO_MOTIONS = np.zeros((0, 0, 0)), np.zeros((0, 0, 0, 0)), np.zeros((0, 0))
+LOOK = 2e-3  # [s] between two looks for buckling at a straight cable at least
 _FAMILIES = {
     SPLITTING: arrays.SPLITTING,
     RUNGE_KUTTA: arrays.RUNGE_KUTTA,
     ZHAI: arrays.ZHAI,
     IMPLICIT: arrays.IMPLICIT,
 }
+
+
+class Along(NamedTuple):
+    """What the end effectors do in every step of a run.
+
+    Attributes:
+        motions: of the grasps, shape (steps, grasps, MOTION_SIZE). natural, turns: from
+            `NaturalShape.turns_along`.
+    """
+
+    motions: Array
+    natural: Array
+    turns: Array
+
+    def part(self, first: int, steps: int) -> Along:
+        """So many steps of it."""
+        piece = slice(first, first + steps)
+        return Along(self.motions[piece], self.natural, self.turns[piece])
+
+
+_AS_BEFORE = Along(np.zeros((0, 0, 0)), np.zeros((0, 0, 0, 0)), np.zeros((0, 0)))
 
 
 class Advance(NamedTuple):
@@ -58,12 +77,14 @@ class Stepper:
 
     Attributes:
         method, step: of the steps. check_every: steps between two checks of the energy by the
-            compiled loop: 1 for an implicit method, else GUARD_STEPS.
+            compiled loop: 1 for an implicit method, else GUARD_STEPS. look_every: steps between
+            two looks for buckling, a multiple of it.
     """
 
     def __init__(self, scene: Scene, cable: Cable, method: Method, step: float) -> None:
         self.method, self.step = method, step
         self.check_every = 1 if method.family == IMPLICIT else GUARD_STEPS
+        self.look_every = max(1, round(LOOK / (step * self.check_every))) * self.check_every
         self._cable = cable
         self._constants = _constants_of(method, scene, self.check_every)
         self._kept = np.empty_like(cable.state)  # not allocated in every advance
@@ -77,9 +98,19 @@ class Stepper:
         """Whether the compiled loop checks the energy after step number `step`."""
         return step % self.check_every == 0
 
-    def advance(self, first: int, steps: int, recorder: Recorder | None = None) -> Advance:
-        """Advance by whole steps from step `first`; after a failure restore the last good state."""
+    def advance(
+        self, first: int, steps: int, recorder: Recorder | None = None, along: Along | None = None
+    ) -> Advance:
+        """Advance by whole steps from step `first`; after a failure restore the last good state.
+
+        Args:
+            along: of these steps; implicit methods only, which need no guard: they check the energy
+                themselves, and a failed step is undone.
+        """
         recorder = self._unrecorded if recorder is None else recorder
+        if along is not None:
+            done = self._called(first, steps, self.step, recorder, along)
+            return done if done.status.ok else done._replace(worst=self._worst_point(done.status))
         if self._kept.size != self._cable.state.size:  # obstacles were added
             self._kept = np.empty_like(self._cable.state)
         self._kept[:] = self._cable.state
@@ -98,19 +129,6 @@ class Stepper:
             status, made = Status.OK, made + 1
         return Advance(status, made, done.evaluations + used, worst)
 
-    def advance_along(
-        self, first: int, recorder: Recorder, motions: Array, natural: NaturalAlong
-    ) -> Advance:
-        """Advance with separate motions for every step; implicit methods only.
-
-        Needs no guard: implicit steps check the energy themselves, and a failed one is undone.
-
-        Args:
-            motions: of the grasps, shape (steps, grasps, MOTION_SIZE).
-            natural: from `NaturalShape.turns_along`.
-        """
-        return self._called(first, len(motions), self.step, recorder, motions, *natural)
-
     def run(
         self, first: int, steps: int, recorder: Recorder | None = None, finer: int = 1
     ) -> Advance:
@@ -120,17 +138,17 @@ class Stepper:
         """
         recorder = self._unrecorded if recorder is None else recorder
         tau = self.step / finer
-        return self._called(first * finer, steps * finer, tau, recorder, *_NO_MOTIONS)
+        return self._called(first * finer, steps * finer, tau, recorder, _AS_BEFORE)
 
     def _called(
-        self, first: int, steps: int, tau: float, recorder: Recorder, *motions: Array
+        self, first: int, steps: int, tau: float, recorder: Recorder, along: Along
     ) -> Advance:
         cable, constants = self._cable, self._constants
         if recorder is not self._unrecorded:
             recorder.keep_obstacles(cable.obstacles)
         code = advance.code(cable.terms | constants.family)
         given = cable.address, constants.address, first, steps, tau, recorder.address
-        status, done, evaluations = code(*given, *motions)
+        status, done, evaluations = code(*given, *along)
         return Advance(_STATUS[status], done, evaluations)
 
     def _sane(self, step: int) -> bool:

@@ -21,6 +21,10 @@ class WaitingMotions:
     def __init__(self) -> None:
         self._next: dict[str, tuple[EndMotion, ...]] = {}
 
+    def __bool__(self) -> bool:
+        """Whether any waits."""
+        return bool(self._next)
+
     @property
     def by_name(self) -> Waiting:
         """A copy of all of them."""
@@ -73,12 +77,12 @@ class WaitingMotions:
                     del self._next[name]
         return due
 
-    def steps_until_begin(self, t: float, step: float) -> int | None:
+    def steps_until_begin(self, t: float, step: float) -> int:
         """Number of whole steps [s] from time t until one begins; 0 if it does within the next
-        step, None if none waits.
+        step. One has to wait.
         """
-        starts = [motions[0].start for motions in self._next.values()]
-        return int((min(starts) - t + _rounding(t)) / step) if starts else None
+        first = min(motions[0].start for motions in self._next.values())
+        return int((first - t + _rounding(t)) / step)
 
     def leading(
         self, t: float, step: float, pose: Callable[[str, float], tuple[Array, Array]]

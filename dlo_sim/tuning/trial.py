@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +14,12 @@ from dlo_sim.core import bspline
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
+from dlo_sim.simulation.play import Changes, play
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report
 from dlo_sim.simulation.selection import SAFETY
 from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.simulation.soundness import judged
 from dlo_sim.tuning.setting import Setting
 
 Array = NDArray[np.float64]
@@ -108,7 +111,7 @@ def attempt(job: Job, setting: Setting, timed: bool = True, budget: float = TIME
     recorder = Recorder(simulator.model, job.times)
     recorder.put(simulator.cable, simulator.energy().total)
     began = time.perf_counter()
-    report, used = _run(simulator, job, recorder)
+    report = _run(simulator, job, recorder)
     took = time.perf_counter() - began
     u = np.asarray(job.u) * job.scene.cable.length
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
@@ -116,7 +119,7 @@ def attempt(job: Job, setting: Setting, timed: bool = True, budget: float = TIME
         setting,
         simulator.step,
         simulator.steps,
-        used,
+        report.force_evaluations,
         basis @ recorder.control_points[:, :, :3],
         "" if report.status.ok else report.message,
         energy_error=simulator.energy_error,
@@ -191,16 +194,12 @@ def farthest(points: Array, truth: Array) -> float:
     return float(np.linalg.norm(points - truth, axis=2).max())
 
 
-def _run(simulator: Simulator, job: Job, recorder: Recorder | None) -> tuple[Report, int]:
-    """Step over the job; the last report and all force evaluations."""
-    used = 0
-    for until in sorted({job.duration, *(motion.start for _, motion in job.motions)}):
-        upto = int(np.ceil(until / simulator.step - 1e-9))
-        report = simulator.advance_steps(upto - simulator.steps, recorder)
-        used += report.force_evaluations
-        if not report.status.ok:
-            break
-        for end, motion in job.motions:
-            if motion.start == until:
-                simulator.set_motion(end, motion)
-    return report, used
+def _run(simulator: Simulator, job: Job, recorder: Recorder | None) -> Report:
+    """Step over the job; its report."""
+    timeline = Changes(simulator)
+    for end, motion in job.motions:
+        at = int(np.ceil(motion.start / simulator.step - 1e-9))
+        timeline.add(at, partial(simulator.set_motion, end, motion))
+    until = int(np.ceil(job.duration / simulator.step - 1e-9))
+    report = play(simulator, until, recorder, timeline)
+    return report if recorder is None else judged(report, recorder)

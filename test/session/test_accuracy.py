@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -198,17 +197,16 @@ def test_reset_and_changed_parameters_estimate_anew(estimates):
 
 def test_loads_and_steps_go_to_the_companions(monkeypatch):
     asked: list[str] = []
-    monkeypatch.setattr(
-        drive,
-        "_estimate",
-        lambda simulator, poses=None: SimpleNamespace(
-            simulator=simulator,
-            recent=DiscretizationError(0.0, 0.0),
-            advice=lambda error: "",
-            set_load=lambda *a, **k: asked.append("load"),
-            advance_steps=lambda n: (asked.append("steps"), simulator.advance_steps(n))[1],
-        ),
-    )
+
+    class Asked(FakeEstimate):
+        def set_load(self, *given, **named):
+            asked.append("load")
+
+        def advance_steps(self, steps, recorder=None):
+            asked.append("steps")
+            return self.simulator.advance_steps(steps)
+
+    monkeypatch.setattr(drive, "_estimate", lambda simulator, poses=None: Asked(simulator))
     from dlo_sim.session import cdr
 
     one = session()

@@ -115,7 +115,7 @@ CALLS = {
 }
 WITHOUT_ARGUMENTS = {"energy", "reset", "snapshot"}
 # for other rooms of the package
-CHECKED_BEFORE = {"check_obstacle", "keep_bends", "look_at", "replace_added", "warnings_with"}
+CHECKED_BEFORE = {"activate", "begin_motions", "check_obstacle", "replace_added", "warnings_with"}
 
 
 def with_a_hand():

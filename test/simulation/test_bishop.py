@@ -42,7 +42,7 @@ def turn(sim, end, rotation, duration):
 
 def roll(sim, angle, duration=4.0):
     """Turn the end about its own tangent."""
-    turn(sim, "end", angle * sim._ends.tangent("end", sim.time), duration)
+    turn(sim, "end", angle * sim.ends.tangent("end", sim.time), duration)
 
 
 def slip(sim):

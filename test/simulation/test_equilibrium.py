@@ -38,7 +38,7 @@ def planar(sim):
     line, frames = sim.centerline(u), np.diff(sim.centerline(u), axis=0)
     angle = np.unwrap(np.arctan2(frames[:, 2], frames[:, 0]))
     angle = np.interp(u, 0.5 * (u[1:] + u[:-1]), angle)
-    ends = [sim._ends.tangent(name, 0.0) for name in ("start", "end")]
+    ends = [sim.ends.tangent(name, 0.0) for name in ("start", "end")]
     first, last = (float(np.arctan2(t[2], t[0])) for t in ends)
     first += 2.0 * np.pi * np.round((angle[0] - first) / (2.0 * np.pi))
     last += 2.0 * np.pi * np.round((angle[-1] - last) / (2.0 * np.pi))

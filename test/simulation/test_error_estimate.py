@@ -6,6 +6,7 @@ True errors are distances to a run with a quarter of the step and twice the cont
 from __future__ import annotations
 
 import math
+from threading import Event
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from scipy.integrate import solve_bvp
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scene
-from dlo_sim.simulation.error_estimate import LOOK, ErrorEstimate
+from dlo_sim.simulation.error_estimate import LOOK, MOST_BEHIND, ErrorEstimate
 from dlo_sim.simulation.recording import record
 from dlo_sim.simulation.simulator import Simulator
 
@@ -251,6 +252,44 @@ def test_failure_of_a_companion_is_told_and_does_not_stop_the_simulator():
     assert estimate.recent.space == math.inf
     assert "finer run failed" in estimate.recent.unknown
     estimate.reset()
+    assert math.isfinite(estimate.recent.total)
+
+
+def test_a_companion_that_failed_stops_no_gripper():
+    estimate = ErrorEstimate(Simulator(shipped("two_grippers")))
+    estimate.companions[1].simulator.cable.x[0, 5] = np.nan
+    simulator = estimate.simulator
+    for _ in range(3):
+        position, orientation = estimate.end_pose("end")
+        motion = EndMotion(
+            start=simulator.time,
+            duration=20 * simulator.step,
+            position=position,
+            orientation=orientation,
+            velocity=[0.5, 0.0, 0.0],
+        )
+        estimate.set_motion("end", motion)
+        assert estimate.advance_steps(20).status.ok
+    assert "finer run failed" in estimate.recent.unknown
+
+
+def test_a_live_run_does_not_wait_for_companions_and_gives_up_those_that_are_far_behind():
+    estimate = ErrorEstimate(Simulator(shipped("two_grippers")))
+    assert estimate.recent.total < 1e-3
+    estimate.waits, go_on = False, Event()
+    slow = estimate.companions[0]
+    slow.change(0, lambda _: go_on.wait(60.0))
+    try:
+        steps = round(MOST_BEHIND / estimate.simulator.step)
+        assert estimate.advance_steps(steps).status.ok  # the thread still waits
+        assert math.isfinite(estimate.recent.total)
+        assert estimate.advance_steps(steps // 10).status.ok
+        assert "behind" in estimate.recent.unknown
+    finally:
+        go_on.set()
+    estimate.reset()
+    estimate.waits = True
+    assert estimate.advance_steps(steps).status.ok
     assert math.isfinite(estimate.recent.total)
 
 

@@ -1,7 +1,7 @@
 """Frames along the cable: orthonormal, x along the tangent, twist and clamp orientation visible."""
 
 import numpy as np
-from cables import FLAT, FULL, SOFT, TWISTED, set_state, simulator
+from cables import FLAT, FULL, SOFT, set_state, simulator
 
 from dlo_sim.core import bspline, rotations
 

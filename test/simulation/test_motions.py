@@ -54,7 +54,7 @@ def assert_on_path(sim, motions):
 @pytest.mark.parametrize("method", METHODS)
 def test_motions_given_in_advance_are_followed_at_every_step(method):
     sim = cable(method)
-    sim.tangent = sim._ends.tangent("start", 0.0)
+    sim.tangent = sim.ends.tangent("start", 0.0)
     motions = chain(sim)
     for motion in motions:
         sim.set_motion("start", motion)

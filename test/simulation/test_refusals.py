@@ -19,6 +19,7 @@ from test_self_contact import CABLE as COILED
 from test_sliding import LYING as SLIDING
 from test_water import CABLE as WET
 
+from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation import meshes
 

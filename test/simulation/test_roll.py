@@ -36,7 +36,7 @@ def hanging(**more):
 
 def roll(sim, grasp, angle, duration=2.0):
     """Turn a gripper about the cable."""
-    turn(sim, grasp, angle * sim._ends.tangent(grasp, sim.time), duration)
+    turn(sim, grasp, angle * sim.ends.tangent(grasp, sim.time), duration)
 
 
 def slip(sim, rest=rotations.IDENTITY):

@@ -14,7 +14,7 @@ from dlo_sim.simulation import soundness
 from dlo_sim.simulation.recording import record
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.simulation.soundness import unexplained_stretch
+from dlo_sim.simulation.soundness import sound_now, unexplained_stretch
 
 GRIPPERS = load_scene("two_grippers")
 HANGING = {
@@ -166,9 +166,19 @@ def test_a_clamp_that_is_turned_over_is_named():
     sim = simulator(HANGING)
     points = sim.control_points.copy()
     points[1] = points[0] - 0.2 * (points[1] - points[0])
-    assert unexplained_stretch(sim.model, points, sim._ends, 0.0).startswith(
+    assert unexplained_stretch(sim.model, points, sim.ends, 0.0).startswith(
         "at u = 0 m the cable leaves its clamp backwards"
     )
+
+
+@pytest.mark.parametrize("stretch", ["span", "sample"])
+@pytest.mark.parametrize("share", [-0.2, 0.04, 0.2, 0.9])
+def test_the_compiled_look_at_the_end_of_an_advance_agrees_with_that_at_samples(share, stretch):
+    sim = simulator(HANGING, {"discretization.stretch": stretch})
+    points = sim.cable.points
+    points[1] = points[0] + share * (points[1] - points[0])
+    sim.cable.x[:] = sim.model.to_lines(points)
+    assert sound_now(sim.cable, sim.ends, 0.0) == unexplained_stretch(sim.model, points, sim.ends)
 
 
 @pytest.mark.parametrize("estimate", ["on", "off"])

@@ -5,6 +5,7 @@ import pytest
 from cables import FULL, FULLY_DAMPED, SINE_LOAD, SOFT, scene_of, set_state, simulator
 
 from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.core.methods import METHODS
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.simulator import Simulator
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from cables import FULL, SOFT
 
+from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 

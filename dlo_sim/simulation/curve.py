@@ -1,0 +1,105 @@
+"""The curve of a cable at material coordinates: points, material frames, places of a gripper."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import bspline, rotations
+from dlo_sim.engine.frames import curve_frames
+from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.geometry import NEAREST, Geometry
+
+Array = NDArray[np.float64]
+Basis = tuple[NDArray[np.int64], Array, Array]
+MOST_BASES = 16  # sets of material coordinates whose basis values are kept
+
+
+class Curve:
+    """The curve of a cable in its present state.
+
+    Attributes:
+        greville: material coordinate [m] of each control point (Greville abscissa), shape (n_u,).
+
+    Args:
+        tangent: of the cable at its start, in the frame of the end effector there.
+    """
+
+    def __init__(self, cable: Cable, tangent: Array) -> None:
+        self.greville = bspline.greville(cable.model.knots)
+        self._cable = cable
+        self._axis = np.eye(3)[np.argmin(np.abs(tangent))]
+        self._bases: dict[bytes, Basis] = {}
+
+    def points(self, u: Array) -> Array:
+        """Points [m] at u, world frame, shape (len(u), 3)."""
+        columns, values, _ = self._basis(u)
+        points = self._cable.points[:, :3].take(columns, axis=0)
+        return np.einsum("mk,mkd->md", values, points) + self._cable.model.origin
+
+    def poses(self, u: Array, time: float) -> Array:
+        """Points in the cable's coordinates [m], and material frames at u at time [s] as
+        quaternions x, y, z, w, shape (len(u), 7).
+        """
+        poses = np.empty((len(u), 7))
+        self._write(self._cable.points, u, time, poses)
+        return poses
+
+    def control_poses(self, time: float, out: Array) -> None:
+        """Write every control point [m], world frame, with the material frame at its material
+        coordinate, into out, shape (n_u, 7).
+        """
+        points = self._cable.points
+        self._write(points, self.greville, time, out)
+        out[:, :3] = points[:, :3] + self._cable.model.origin
+
+    def taken(self, share: float, length: float, position: Array, orientation: Array) -> Geometry:
+        """How a gripper at this pose, in the cable's coordinates, holds the cable if it takes it as
+        it is, at a share of its length [m]; negative: where it is nearest to the gripper.
+
+        Raises:
+            ValueError: no such share.
+        """
+        if not -1.0 <= share <= 1.0:
+            raise ValueError(f"at: needs a number from 0 to 1, or below for nearest, got {share!r}")
+        u = share * length
+        if share < 0.0:
+            places = np.linspace(0.0, length, NEAREST)
+            away = self.points(places) - self._cable.model.origin - position
+            u = float(places[np.argmin(np.linalg.norm(away, axis=1))])
+        columns, values, slopes = self._basis(np.array([u]))
+        points = self._cable.points[columns[0], :3]
+        tangent = (slopes[0, :, None] * points).sum(axis=0)
+        tangent = rotations.rotate(rotations.conjugate(orientation), tangent)
+        tangent /= math.hypot(*tangent)
+        place = (values[0, :, None] * points).sum(axis=0)
+        return Geometry(position, orientation, place, tangent, u)
+
+    def twist_at(self, u: float, points: Array) -> float:
+        """Twist angle [rad] of control points (n, 4) at u [m]."""
+        columns, values, _ = self._basis(np.array([u]))
+        return float((values[0] * points[columns[0], 3]).sum())
+
+    def _write(self, points: Array, u: Array, time: float, out: Array) -> None:
+        """Points of the curve and material frames, whose second axis at the start is fixed in the
+        start's end effector, into out, shape (m, 7).
+        """
+        self._cable.call(curve_frames, points, *self._basis(u), time, self._axis, out)
+
+    def _basis(self, u: Array) -> Basis:
+        """Indices of the active control points, basis values and derivatives at u, each (m, 4);
+        cached.
+        """
+        key = u.tobytes()
+        table = self._bases.get(key)
+        if table is None:
+            knots = self._cable.model.knots
+            first, values = bspline.active_basis(knots, u)
+            _, slopes = bspline.active_basis(knots, u, 1)
+            table = (first[:, None] + np.arange(bspline.ACTIVE), values, slopes)
+            if len(self._bases) >= MOST_BASES:
+                self._bases.clear()
+            self._bases[key] = table
+        return table

@@ -1,0 +1,150 @@
+"""The one loop in which a cable is stepped, sampled, watched and judged.
+
+`play` runs a simulator, and stops where a timeline changes something or a watcher looks. Between
+two stops is a `stretch`: motions that have waited begin in it, and the cable is looked at for
+buckling and for passing through itself, at steps that depend on their number only, so that the
+division of a run into calls changes nothing. At its end shape and energy are judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from dlo_sim.core import bspline
+from dlo_sim.core.methods import IMPLICIT
+from dlo_sim.simulation.recorder import Recorder
+from dlo_sim.simulation.remarks import Remarks, Running
+from dlo_sim.simulation.report import WRONG, Report, Status, explained, newton_note
+from dlo_sim.simulation.soundness import sound_now
+from dlo_sim.simulation.stepper import Along
+
+CHUNK = 4096  # steps of a long advance after which the state is kept in case of a failure
+
+
+class Played(Protocol):
+    """A simulator, alone or with an estimate of its error."""
+
+    @property
+    def steps(self) -> int:
+        """Whole steps since the start."""
+
+    def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
+        """Advance by whole steps."""
+
+
+class Stepped(Running, Protocol):
+    """What `stretch` steps: a simulator."""
+
+    remarks: Remarks
+
+    @property
+    def steps_of_motions(self) -> int:
+        """Number of steps for which end effectors and obstacles keep to their present motions."""
+
+    def begin_motions(self) -> None:
+        """Let motions begin that have waited for the present time."""
+
+
+class Timeline(Protocol):
+    """Changes of a cable at certain steps of a run."""
+
+    def apply(self, stop: int) -> int:
+        """Make the changes that are due; returns the step, at most `stop`, of the next ones. If it
+        is the present step, the run ends.
+        """
+
+
+class Changes:
+    """A timeline of calls, each made when the simulator has taken so many steps."""
+
+    def __init__(self, simulator: Played) -> None:
+        self._simulator = simulator
+        self._calls: list[tuple[int, Callable[[], object]]] = []
+
+    def add(self, at: int, call: Callable[[], object]) -> None:
+        """Make a call after `at` steps; calls of the same step in the order in which they came."""
+        self._calls.append((at, call))
+        self._calls.sort(key=lambda one: one[0])
+
+    def apply(self, stop: int) -> int:
+        """See `Timeline`."""
+        while self._calls and self._calls[0][0] <= self._simulator.steps:
+            self._calls.pop(0)[1]()
+        return min(stop, self._calls[0][0]) if self._calls else stop
+
+
+class Watcher(Protocol):
+    """Looks at a run, and may end it."""
+
+    def next_look(self, steps: int) -> int:
+        """The first step after `steps` at which it has to look."""
+
+    def look(self, report: Report) -> str:
+        """Look at the state at a stop; report: of the stretch before. Returns why the run has to
+        end, one line; empty: it goes on.
+        """
+
+
+def play(
+    simulator: Played,
+    until: int,
+    recorder: Recorder | None = None,
+    timeline: Timeline | None = None,
+    watchers: Sequence[Watcher] = (),
+) -> Report:
+    """Run a simulator up to step number `until`; if it is there already, it is only judged.
+
+    Returns:
+        The report of all steps, with status, message and note of the last stretch.
+    """
+    total = Report(Status.OK, "", 0, 0.0, 0)
+    while True:
+        stop = min([until, *(one.next_look(simulator.steps) for one in watchers)])
+        if timeline is not None:
+            stop = timeline.apply(stop)
+            if stop == simulator.steps < until:
+                return total
+        last = simulator.advance_steps(stop - simulator.steps, recorder)
+        total = last.after(total)
+        ends = [why for one in watchers if (why := one.look(last))]
+        if simulator.steps >= until or not last.status.advanced:
+            return total
+        if ends:
+            return total._replace(status=Status.INTERRUPTED, message=ends[0])
+
+
+def stretch(
+    sim: Stepped, steps: int, recorder: Recorder | None = None, along: Along | None = None
+) -> Report:
+    """Advance by whole steps between two stops of `play`. On failure the last good state is kept.
+
+    Args:
+        along: separate motions of the end effectors for every step.
+    """
+    method, step, done, evaluations = sim.choice.method, sim.choice.step, 0, 0
+    while done < steps:
+        most = min(CHUNK, steps - done, sim.steps_of_motions)
+        piece = sim.remarks.steps_until_look(sim, most)
+        ahead = None if along is None else along.part(done, piece)
+        status, made, used, worst = sim.stepper.advance(sim.steps, piece, recorder, ahead)
+        sim.steps += made
+        done, evaluations = done + made, evaluations + used
+        if made:
+            sim.remarks.look_for_buckling(sim)
+        if done >= steps or done // CHUNK > (done - made) // CHUNK or not status.ok:
+            sim.remarks.look_at_itself(sim)
+        sim.begin_motions()
+        if not status.ok:
+            u = bspline.greville(sim.model.knots)[worst]
+            message = (
+                f"{explained(status, method)} (at {sim.time:.6g} s, "
+                f"u = {u:.3g} m; method {method.name}, step {step:g} s)"
+            )
+            return Report(status, message, done, done * step, evaluations)
+    note = newton_note(method, step, done, evaluations, sim.scene.touches)
+    wrong = sound_now(sim.cable, sim.ends, sim.time)
+    if not wrong and method.family != IMPLICIT and sim.energy_error > WRONG:
+        wrong = sim.remarks.open_balance(sim)
+    status = Status.UNRESOLVED if wrong else Status.OK
+    return Report(status, wrong, done, done * step, evaluations, note)
