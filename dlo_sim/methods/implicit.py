@@ -29,7 +29,7 @@ import numpy as np
 from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import load, store
-from dlo_sim.compiling.lanes import LANES, lane_sum, zero
+from dlo_sim.compiling.lanes import LANES, fabs, lane_sum, where, zero
 from dlo_sim.compiling.pieces import NO, YES, part, piece
 from dlo_sim.engine import contact, self_contact
 from dlo_sim.engine.account import RESOLUTION
@@ -148,6 +148,7 @@ STALLED = 0.2  # the same above which a correction counts as stalled
 GROWTH = 1.0  # of the residual along a correction, above which the correction is shortened
 SMALLEST_SHARE = 1e-6  # of a correction that shortening may leave
 TRUSTED = 0.5  # largest s_last.z / |s_last|^2 in Broyden's denominator
+TINY = 1e-200  # positions [m] and velocities [m/s] that are zero
 SMALLEST = 1e-300  # lower bound on the square of a correction
 NOISE = 1e-9  # stalled corrections below this share of the coordinates are round-off
 ROUND_OFF = 1e-14  # corrections below this share of the coordinates are round-off
@@ -175,6 +176,14 @@ def copy_entries(source, target):
     for i in range(source.shape[0]):
         for j in range(source.shape[1]):
             target[i, j] = source[i, j]
+
+
+@part
+def without_tiny(value):
+    """The value, or 0 on lanes where it is tiny: what decays from step to step would end in numbers
+    that processors multiply a hundred times more slowly.
+    """
+    return where(fabs(value) - TINY, value, zero())
 
 
 @part
@@ -221,9 +230,9 @@ def predict(cable, tau):
             if alternates:
                 store(x, d, i, before)
             elif known:
-                store(x, d, i, a * now + b * before + c * load(far, d, i))
+                store(x, d, i, without_tiny(a * now + b * before + c * load(far, d, i)))
             else:
-                store(x, d, i, now + tau * load(w, d, i))
+                store(x, d, i, without_tiny(now + tau * load(w, d, i)))
             store(far, d, i, before)
             store(near, d, i, now)
     balance.length_before = last
@@ -793,7 +802,7 @@ def finish_step(cable, t0, tau, whole, lost):
     for line in range(cable.lines):
         for c in range(0, cable.columns, LANES):
             speed = load(work.start_v, line, c)
-            store(ahead, line, c, 2.0 / tau * load(change, line, c) - speed)
+            store(ahead, line, c, without_tiny(2.0 / tau * load(change, line, c) - speed))
     driven = 0.0
     if moves:
         for k in range(cable.rows.count):
