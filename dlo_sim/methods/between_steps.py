@@ -75,8 +75,9 @@ def turn_to(address, t):
 @piece(void, int64, float64)
 def place_held(address, t):
     """Project the configuration onto the constraints at time t, in the metric of the mass M."""
-    turn_to(address, t)
     cable = cable_at(address)
+    set_targets(cable, t)
+    take_directions(cable)
     target_residuals(cable, cable.state.direction, cable.state.x)
     add_shifts(cable, 1.0, cable.state.x)
 
