@@ -98,7 +98,8 @@ class Piece:
     Attributes:
         terms: bits of the terms that need it; 0: every scene may. If its first argument is a group
             with a number `terms` that has none of these bits, a call does nothing and returns zero.
-        family: bits of the methods that need it; 0: all may.
+        family: bits of the methods, or of the functions that Python calls, that need it; 0: all
+            may. Of a function that Python calls: bits of what it needs beyond its scene's terms.
     """
 
     def __init__(
@@ -131,6 +132,7 @@ class Piece:
         """
         if config.DISABLE_JIT:
             return self.function
+        terms |= self.family
         if self._code is None or (terms, len(_called)) not in _loaded:
             with _collector_waits(), many_kept():
                 load(terms)
@@ -139,8 +141,7 @@ class Piece:
 
     def is_needed(self, terms: int) -> bool:
         """Whether scenes with these terms, and methods of these families, may call it."""
-        needs = self.terms or self.family
-        return not needs or bool(needs & terms)
+        return all(not needs or needs & terms for needs in (self.terms, self.family))
 
     def load_native(self) -> None:
         """Let compiled functions call it."""

@@ -591,7 +591,7 @@ def prescribed_energy(cable, directions, inverse, v):
     return energy
 
 
-@piece(float64, CABLE, boolean, float64, terms=DAMPED)
+@piece(float64, CABLE, boolean, float64, terms=DAMPED, family=IMPLICIT)
 def settle_overdamped(cable, moves, tau):
     """Remove the part of the velocity that alternates from step to step, where it exceeds the mean
     velocity; returns its energy [J].
@@ -659,7 +659,7 @@ def settle_overdamped(cable, moves, tau):
     return loss
 
 
-@piece(float64, CABLE, float64, float64, terms=CONTACT)
+@piece(float64, CABLE, float64, float64, terms=CONTACT, family=IMPLICIT)
 def stop_contacts(cable, t, tau):
     """Give what is pressed at the end t of a step the velocity after contact (`engine.contact`);
     returns the energy lost [J]. Its impulses add to the work of obstacles and grasps, and to the
