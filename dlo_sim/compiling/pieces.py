@@ -1,10 +1,10 @@
 """Compilation to machine code, once per installation and independent of the scene.
 
-A `part` is compiled into the functions that call it, and not by itself. A `Piece` is a function of
-a fixed signature with machine code of its own, compiled once and cached on disk. If its arguments
-contain groups or grids, compiled functions call it, by its address, so that its code is not
-compiled again into each of them; else Python calls it. A piece of a term is loaded only for scenes
-with that term, and a call on arrays without it does nothing.
+A `part` is compiled into the functions that call it, and not by itself.
+A `Piece` is a function of a fixed signature with machine code of its own, compiled once and cached
+on disk. If its arguments contain groups or grids, compiled functions call it, by its address, so
+that its code is not compiled again into each of them; else Python calls it. A piece of a term is
+loaded only for scenes with that term, and a call on arrays without it does nothing.
 
 Settings: error_model numpy (a division by zero gives inf, which the divergence checks detect, not
 an exception); fastmath {contract} (fused multiply-add only; NaN and the order of sums are kept).
@@ -73,9 +73,9 @@ class _PartCompiler(CompilerBase):
         return [DefaultPassBuilder.define_nopython_pipeline(state)]
 
 
-# A part that is not inlined would be a function of every piece that calls it, optimised apart in
-# each; which of them runs would depend on the order of loading, and so would the bits. Nobody calls
-# its wrappers for Python.
+# A part that is not inlined would be a function of every piece that calls it,
+# optimised apart in each; which of them runs would depend on the order of loading, and so would the
+# bits. Nobody calls its wrappers for Python.
 _PART: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 part: Callable[[F], F] = njit(**_PART, forceinline=True, pipeline_class=_PartCompiler)
 
