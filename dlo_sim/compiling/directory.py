@@ -1,7 +1,7 @@
 """The cache directory of machine code, and its protection against other users.
 
-Loading machine code means running it, so it is loaded only from places where none but this user and
-root could have written it (`trust_problem`).
+Loading machine code means running it, so it is loaded only from files and directories that belong
+to this user, and to which no other user may write (`trust_problem`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import stat
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
 
 import llvmlite
@@ -72,67 +71,47 @@ def digest() -> str:
 
 
 def trust_problem(path: Path) -> str:
-    """Why another user could have written machine code there; an empty string if none could.
+    """Why another user could have written machine code there; an empty string if none could, or if
+    there is nothing.
 
-    The path, which holds no symbolic links, and every directory above it must belong to root or to
-    this user, and no other user may write to them. Hence a directory that root made is trusted,
-    such as that of an image, and one of another user is not. Two exceptions:
-    - a directory above may be writable by everyone if it is sticky, as /tmp is: nobody can replace
-      another user's entries there;
-    - a group may write if it is the owner's private group (`_private`), a common default.
-
-    Access lists are not read. An entry that lets another user write appears in the mode as write
-    permission of the group, so it goes unnoticed where the group is the owner's private one.
+    The file, and the directories of this version and of all versions (`base_directory`), have to
+    belong to this user, and nobody else may write to them. Access lists are not read.
     """
     if not hasattr(os, "geteuid"):  # a system without modes: home directories are protected
         return ""
-    holds_directory = False
-    for place in (path, *path.parents):
+    base = base_directory()
+    for place in (one for one in (path, *path.parents) if one.is_relative_to(base)):
         try:
             status = place.lstat()
+        except FileNotFoundError:
+            continue
         except OSError as error:
             return f"{place} cannot be inspected ({error.strerror})"
-        mode = status.st_mode
-        if status.st_uid not in (0, os.geteuid()):
+        if status.st_uid != os.geteuid():
             return f"{place} belongs to another user (uid {status.st_uid})"
-        by_group = mode & stat.S_IWGRP and not _private(status.st_uid, status.st_gid)
-        sticky = holds_directory and mode & stat.S_ISVTX
-        if (by_group or mode & stat.S_IWOTH) and not sticky:
-            return f"others may write to {place} (mode {stat.S_IMODE(mode):04o})"
-        holds_directory = stat.S_ISDIR(mode)
+        if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            return f"others may write to {place} (mode {stat.S_IMODE(status.st_mode):04o})"
     return ""
-
-
-@functools.cache
-def _private(user: int, group: int) -> bool:
-    """Whether a group is a user's private one: it has the user's name, and no other user is a
-    member of it or has it as primary group."""
-    import grp
-    import pwd
-
-    try:
-        name, found = pwd.getpwuid(user).pw_name, grp.getgrgid(group)
-    except KeyError:
-        return False
-    primary = {entry.pw_name for entry in pwd.getpwall() if entry.pw_gid == group}
-    return found.gr_name == name and primary.union(found.gr_mem) <= {name}
 
 
 @contextlib.contextmanager
 def kept(name: str) -> Iterator[None]:
     """Context in which numba finds the machine code cached under this name; new code is cached.
 
-    numba itself uses a new, private directory. The cache entry is one file, written atomically and
-    read only if it is trusted and its checksum agrees; otherwise the code is compiled again and
-    the entry replaced. numba's process-wide cache setting is restored at the end.
+    numba itself uses a private directory. The cache entry is one file, written atomically and read
+    only if it is trusted and its checksum agrees; otherwise the code is compiled again and the
+    entry replaced. numba's process-wide cache setting is restored at the end.
 
     Raises:
         OSError: nothing can be cached, also not for a moment; `say_not_kept` tells why.
     """
     path = base_directory() / digest() / name
-    with _turn, _room(path.parent) as place:
+    with (
+        _turn,
+        contextlib.nullcontext(_shared[0]) if _shared else _private_directory() as place,
+    ):
         folder = Path(place)
-        for file in _files(folder):  # of the piece before, if they share the directory
+        for file in _files(folder):  # of the piece before
             file.unlink()
         found = _read(path)
         for relative, content in found.items():
@@ -144,6 +123,9 @@ def kept(name: str) -> Iterator[None]:
         config.CACHE_DIR = place
         try:
             yield
+        except OSError as error:
+            error.filename = str(folder.parent)  # rather than the name of a piece of code
+            raise
         finally:
             config.CACHE_DIR = before
         made = {str(file.relative_to(folder)): file.read_bytes() for file in _files(folder)}
@@ -160,37 +142,28 @@ def _files(folder: Path) -> list[Path]:
 
 @contextlib.contextmanager
 def many_kept() -> Iterator[None]:
-    """Context in which numba uses one directory for all pieces. On a file system that discards what
-    is deleted, removing one takes 7 ms, as long as loading a piece.
+    """Context in which numba uses one private directory for all pieces. On a file system that
+    discards what is deleted, removing one takes 7 ms, as long as loading a piece.
     """
     with _turn, contextlib.ExitStack() as opened:
         with contextlib.suppress(OSError):  # each piece tries it again
             if not _shared:
-                _shared.append(opened.enter_context(_room(base_directory() / digest())))
+                _shared.append(opened.enter_context(_private_directory()))
                 opened.callback(_shared.clear)
         yield
 
 
-@contextlib.contextmanager
-def _room(directory: Path) -> Iterator[str]:
-    """A private directory: that of `many_kept`, or a new one, among the temporary files or, where
-    these have no room, in the cache directory.
+def _private_directory() -> tempfile.TemporaryDirectory[str]:
+    """A new directory among the temporary files or, where these have no room, in the cache.
 
     Raises:
         OSError: there can be none.
     """
-    place: str | Path = directory
+    cache = base_directory() / digest()
     with contextlib.suppress(OSError):
-        temporary = tempfile.gettempdir()
-        if shutil.disk_usage(temporary).free >= _ROOM or _obstacle(directory):
-            place = temporary
-    new = partial(tempfile.TemporaryDirectory, prefix="dlo_sim_", dir=place)
-    with contextlib.nullcontext(_shared[0]) if _shared else new() as made:
-        try:
-            yield made
-        except OSError as error:
-            error.filename = str(place)  # rather than the name of a piece of code
-            raise
+        if shutil.disk_usage(tempfile.gettempdir()).free >= _ROOM or _obstacle(cache):
+            return tempfile.TemporaryDirectory(prefix="dlo_sim_")
+    return tempfile.TemporaryDirectory(prefix="dlo_sim_", dir=cache)
 
 
 class _Telling(logging.Handler):

@@ -57,7 +57,7 @@ class Grid(types.Type):
 
     def __init__(self, dtype: types.Type, ndim: int) -> None:
         self.dtype, self.ndim = dtype, ndim
-        super().__init__(name=f"grid({dtype}, {ndim})")
+        super().__init__(name=f"{str(dtype)[0]}{ndim}")  # short, as in `GroupKind`
 
 
 class GroupKind(types.Type):

@@ -1,10 +1,10 @@
 """Compilation to machine code, once per installation and independent of the scene.
 
-A `part` is compiled into the functions that call it, and not by itself. A `Piece` is a function of
-a fixed signature with machine code of its own, compiled at its first use and cached on disk; other
-compiled functions call it by its address, so that its code is not compiled again into each of them.
-A piece of a term is loaded only for scenes with that term, and a call on arrays without it does
-nothing.
+A `part` is compiled into the functions that call it, and not by itself.
+A `Piece` is a function of a fixed signature with machine code of its own, compiled once and cached
+on disk. If its arguments contain groups or grids, compiled functions call it, by its address, so
+that its code is not compiled again into each of them; else Python calls it. A piece of a term is
+loaded only for scenes with that term, and a call on arrays without it does nothing.
 
 Settings: error_model numpy (a division by zero gives inf, which the divergence checks detect, not
 an exception); fastmath {contract} (fused multiply-add only; NaN and the order of sums are kept).
@@ -13,23 +13,21 @@ an exception); fastmath {contract} (fused multiply-add only; NaN and the order o
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import gc
 import importlib
 import inspect
+import os
 from collections.abc import Callable, Iterator
-from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
 import numpy as np
 from numba import cfunc, config, njit, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
-from numba.core.compiler_machinery import AnalysisPass, register_pass
-from numba.core.registry import CPUDispatcher
-from numba.core.typed_passes import AnnotateTypes, InlineOverloads, NopythonRewrites
-from numba.core.untyped_passes import InlineClosureLikes, InlineInlinables, WithLifting
 
 from dlo_sim.compiling.directory import kept, many_kept, say_not_kept
+from dlo_sim.compiling.groups import Grid, GroupKind
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -43,23 +41,11 @@ STRIDED_WHOLES = types.Array(types.int64, 2, "A")
 COUNTS = types.UniTuple(types.int64, 3)
 YES, NO = np.bool_(True), np.bool_(False)  # literal True makes numba compile another specialisation
 
-# Passes for what compiled functions do not contain: closures, `with`, overloads, array expressions.
-_NEEDLESS = (InlineClosureLikes, WithLifting, InlineInlinables, InlineOverloads, NopythonRewrites)
-
-
-class _PieceCompiler(CompilerBase):
-    """Numba's compiler, without passes that would find nothing to do."""
-
-    def define_pipelines(self) -> list[Any]:
-        """Passes of the only pipeline."""
-        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.passes = [one for one in passes.passes if one[0] not in _NEEDLESS]
-        passes.finalize()
-        return [passes]
-
 
 class _Inlined(JITCodeLibrary):
-    """Code that is only inlined: by itself neither optimised nor made into machine code."""
+    """Code that is only inlined: by itself neither optimised nor made into machine code, which
+    saves a fifth of all compilation. Numba has no public way to ask for this.
+    """
 
     @property
     def codegen(self) -> Any:
@@ -76,60 +62,60 @@ class _Inlined(JITCodeLibrary):
         self._finalized = True
 
 
-@register_pass(mutates_CFG=False, analysis_only=True)
-class _Inlining(AnalysisPass):
-    """Pass that makes the code of a function `_Inlined`."""
-
-    _name = "dlo_sim_inlining"
-
-    def __init__(self) -> None:
-        super().__init__()
-
-    def run_pass(self, state: Any) -> bool:
-        """Give the function its library, as the pass for lowering does if there is none."""
-        state.library = _Inlined(state.targetctx.codegen(), state.func_id.func_qualname)
-        state.library.enable_object_caching()
-        return False
-
-
-class _PartCompiler(_PieceCompiler):
-    """The same for functions that are only inlined."""
+class _PartCompiler(CompilerBase):
+    """Numba's compiler, with such a library."""
 
     def define_pipelines(self) -> list[Any]:
-        """Passes of the only pipeline."""
-        [passes] = super().define_pipelines()
-        passes.add_pass_after(_Inlining, AnnotateTypes)
-        passes.finalize()
-        return [passes]
+        """Numba's only pipeline."""
+        state = self.state
+        state.library = _Inlined(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return [DefaultPassBuilder.define_nopython_pipeline(state)]
 
 
-# A part that is not inlined would be a function of every piece that calls it, optimised apart in
-# each; which of them runs would depend on the order of loading, and so would the bits. Nobody calls
-# its wrappers for Python.
+# A part that is not inlined would be a function of every piece that calls it,
+# optimised apart in each; which of them runs would depend on the order of loading, and so would the
+# bits. Nobody calls its wrappers for Python.
 _PART: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 part: Callable[[F], F] = njit(**_PART, forceinline=True, pipeline_class=_PartCompiler)
 
 
+@ctypes.CFUNCTYPE(None)
+def _not_loaded() -> None:
+    """What is called in place of a piece that was not loaded."""
+    os.write(2, b"dlo_sim: a compiled function was called that is not loaded for its terms\n")
+    os.abort()
+
+
+_NOT_LOADED_AT = ctypes.cast(_not_loaded, ctypes.c_void_p).value
+_called: list[Piece] = []  # those that compiled functions call
+_loaded: set[tuple[int, int]] = set()  # terms, and how many there were
+
+
 class Piece:
-    """A compiled function of a fixed signature, to be called from Python and from compiled code.
+    """A compiled function of a fixed signature.
 
     Attributes:
         terms: bits of the terms that need it; 0: every scene may. If its first argument is a group
             with a number `terms` that has none of these bits, a call does nothing and returns zero.
+        family: bits of the methods, or of the functions that Python calls, that need it; 0: all
+            may. Of a function that Python calls: bits of what it needs beyond its scene's terms.
     """
 
-    def __init__(self, function: Callable[..., Any], signature: Any, terms: int) -> None:
+    def __init__(
+        self, function: Callable[..., Any], signature: Any, terms: int, family: int
+    ) -> None:
         self.__doc__ = function.__doc__
-        self.function, self.terms = function, terms
+        self.function, self.terms, self.family = function, terms, family
         self._signature = signature
         fields = getattr(signature.args[0], "fields", {}) if signature.args else {}
         self.asks_for_terms = terms != 0 and "terms" in fields
         self._code: Callable[..., Any] | None = None
         self._native: Any = None  # keeps the machine code that `_address` points to
-        self._address = np.zeros(1, dtype=np.int64)
-        self._ready: set[int] = set()
-        if not config.DISABLE_JIT:
+        self._address = np.full(1, _NOT_LOADED_AT, dtype=np.int64)
+        if not config.DISABLE_JIT and any(isinstance(k, (Grid, GroupKind)) for k in signature.args):
             _make_callable(self, signature, self._address.ctypes.data)
+            _called.append(self)
 
     @property
     def name(self) -> str:
@@ -141,52 +127,29 @@ class Piece:
         return _named, (self.function.__module__, self.function.__qualname__)
 
     def code(self, terms: int = 0) -> Callable[..., Any]:
-        """The function for Python; it and what it calls for these terms are compiled or read from
-        disk at the first use.
+        """The function for Python; it and all that compiled functions may call for these terms are
+        compiled or read from disk at the first use.
         """
         if config.DISABLE_JIT:
             return self.function
-        if terms not in self._ready:
+        terms |= self.family
+        if self._code is None or (terms, len(_called)) not in _loaded:
             with _collector_waits(), many_kept():
-                self._load(terms)
-                if self._code is None:
-                    self._code = self._compiled(njit, nogil=True)
-            self._ready.add(terms)
-        assert self._code is not None
+                load(terms)
+                self._code = self._code or self._compiled(njit, nogil=True, no_cfunc_wrapper=True)
         return self._code
 
-    def _load(self, terms: int) -> None:
-        """Load whatever it calls for these terms, directly or through others."""
-        wanted, known = [self], {self.name}
-        while wanted:
-            for callee in wanted.pop().calls():
-                if callee.name not in known and (not callee.terms or callee.terms & terms):
-                    known.add(callee.name)
-                    wanted.append(callee)
-                    callee._load_native()
+    def is_needed(self, terms: int) -> bool:
+        """Whether scenes with these terms, and methods of these families, may call it."""
+        return all(not needs or needs & terms for needs in (self.terms, self.family))
 
-    def calls(self) -> Iterator[Piece]:
-        """Pieces that its code calls, itself or through parts."""
-        seen: set[int] = set()
-        waiting: list[Any] = [self.function]
-        while waiting:
-            function = waiting.pop()
-            for found in _globals_of(function):
-                if id(found) in seen:
-                    continue
-                seen.add(id(found))
-                if isinstance(found, Piece):
-                    yield found
-                elif isinstance(found, CPUDispatcher):
-                    waiting.append(found.py_func)
-
-    def _load_native(self) -> None:
+    def load_native(self) -> None:
+        """Let compiled functions call it."""
         if self._native is None:
             self._native = self._compiled(cfunc)
             self._address[0] = self._native.address
 
     def _compiled(self, compiler: Callable[..., Any], **more: Any) -> Any:
-        more["pipeline_class"] = _PieceCompiler
         try:
             with kept(self.name):
                 return compiler(self._signature, cache=True, **_OPTIONS, **more)(self.function)
@@ -200,6 +163,15 @@ class Piece:
         if self.asks_for_terms and not arguments[0].terms & self.terms:
             return 0
         return self.code()(*arguments)
+
+
+def load(terms: int) -> None:
+    """Compile or read from disk all that compiled functions may call for these terms."""
+    if (terms, len(_called)) not in _loaded:
+        for called in _called:
+            if called.is_needed(terms):
+                called.load_native()
+        _loaded.add((terms, len(_called)))
 
 
 @contextlib.contextmanager
@@ -216,25 +188,18 @@ def _collector_waits() -> Iterator[None]:
             gc.enable()
 
 
-def piece(result: Any, *arguments: Any, terms: int = 0) -> Callable[[Callable[..., Any]], Piece]:
-    """Decorator: make a function a piece of this signature, which scenes with `terms` need."""
+def piece(
+    result: Any, *arguments: Any, terms: int = 0, family: int = 0
+) -> Callable[[Callable[..., Any]], Piece]:
+    """Decorator: make a function a piece of this signature, which scenes with `terms` and methods
+    of a `family` need.
+    """
     found = types.Tuple(result) if isinstance(result, tuple) else result
-    return lambda function: Piece(function, found(*arguments), terms)
+    return lambda function: Piece(function, found(*arguments), terms, family)
 
 
 def _named(module: str, name: str) -> Any:
     return getattr(importlib.import_module(module), name)
-
-
-def _globals_of(function: Callable[..., Any]) -> Iterator[Any]:
-    """What the names in the code of a function stand for, attributes of modules included."""
-    assert isinstance(function, FunctionType)
-    names = function.__code__.co_names
-    for name in names:
-        found = function.__globals__.get(name)
-        yield found
-        if isinstance(found, ModuleType):
-            yield from (getattr(found, one) for one in names if hasattr(found, one))
 
 
 if config.DISABLE_JIT:

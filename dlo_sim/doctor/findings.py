@@ -69,7 +69,8 @@ def installation() -> Iterator[Finding]:
     except OSError as error:
         yield problem(f"{error}; every start compiles", _CACHE_CURE)
     else:
-        yield cache(base, base / directory.digest(), directory.trust_problem(_existing(base)))
+        mine = base / directory.digest()
+        yield cache(base, mine, directory.trust_problem(mine))
     cores = processors()
     if cores > 1:
         yield ok(f"{cores} cores")

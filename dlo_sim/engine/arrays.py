@@ -68,6 +68,7 @@ BITS = {
 # Bits of the families of methods, beside those of the terms.
 SPLITTING, RUNGE_KUTTA, ZHAI = 1 << 19, 1 << 20, 1 << 21
 IMPLICIT = 1 << 23
+BETWEEN = 1 << 33  # not a family: for equilibrium, and the forces of damping, between steps
 
 ENERGIES = ("stretch", "bend", "twist", "torsion", "plasticity", "gravity", "spring", "contact")
 STRETCHING, BENDING, TWISTING, TORSIONAL, PLASTIC, WEIGHT, SPRING, TOUCHING = range(8)

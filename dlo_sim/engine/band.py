@@ -31,8 +31,10 @@ from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES, lane
 from dlo_sim.compiling.pieces import NO, YES, part, piece
 from dlo_sim.engine.arrays import (
+    BETWEEN,
     BORDERED,
     CABLE,
+    IMPLICIT,
     IN_ROLLING_BAND,
     IN_SKYLINE,
     LINES,
@@ -144,7 +146,7 @@ def out_of_frame(f, v0, v1, v2):
     )
 
 
-@piece(void, CABLE, LINES, boolean, VECTOR, int64)
+@piece(void, CABLE, LINES, boolean, VECTOR, int64, family=IMPLICIT | BETWEEN)
 def turn_vector(cable, directions, inward, numbers, begin):
     """Rotate a vector of all unknowns, whose first is numbers[begin], into the frames of the
     clamps, or back.
@@ -176,7 +178,7 @@ def turn_entries(dim, f, band, r, c, down, right):
         band[r + 2 * down, c + 2 * right] = u[2]
 
 
-@piece(void, CABLE, LINES, LINES, LINES)
+@piece(void, CABLE, LINES, LINES, LINES, family=IMPLICIT | BETWEEN)
 def hold(cable, rows, columns, band):
     """Rotate the matrix into the frames of the clamps, with directions `rows` (rows, 3) for the
     equations and `columns` for the unknowns, and make the equations of fixed unknowns those of the
@@ -230,7 +232,7 @@ def clear_held(cable, numbers, begin):
 # -- LU factors ----------------------------------------------------------------------------------
 
 
-@piece(boolean, LINES, int64, int64)
+@piece(boolean, LINES, int64, int64, family=IMPLICIT | BETWEEN)
 def eliminate(band, size, dim):
     """LU factorisation in place without pivoting; false if a pivot is zero or not finite.
 
@@ -258,7 +260,7 @@ def eliminate(band, size, dim):
     return True
 
 
-@piece(void, LINES, int64, int64, VECTOR)
+@piece(void, LINES, int64, int64, VECTOR, family=IMPLICIT | BETWEEN)
 def substitute(band, size, dim, x):
     """Forward and back substitution with the factors of `eliminate`, in place.
 
@@ -293,7 +295,7 @@ def substitute_rows(band, size, half, x):
         x[at] = value * row[half]
 
 
-@piece(void, LINES, int64, int64, VECTOR)
+@piece(void, LINES, int64, int64, VECTOR, family=BETWEEN)
 def substitute_transposed(band, size, dim, x):
     """Solution with the transposed matrix, as `substitute`: K^T = U^T L^T."""
     half = 4 * dim - 1

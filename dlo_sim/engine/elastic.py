@@ -42,8 +42,10 @@ from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import (
     ANY_STRETCH,
     BEND,
+    BETWEEN,
     CABLE,
     CURVED,
+    IMPLICIT,
     LINES,
     MARGIN,
     SPAN_STRETCH,
@@ -186,7 +188,7 @@ def mean(a, b):
     return combined(0.5, a, 0.5, b)
 
 
-@piece(float64, CABLE, LINES, LINES, LINES, float64, LINES)
+@piece(float64, CABLE, LINES, LINES, LINES, float64, LINES, family=IMPLICIT | BETWEEN)
 def discrete_force(cable, x0, x1, moved, viscous, out):
     """out -= discrete gradient between x0 and x1, and viscous forces for the strain rates
     `viscous` times the strain increments of `moved`; `viscous` is 1 / tau [1/s], 0 leaves them out.

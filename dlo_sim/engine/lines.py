@@ -10,7 +10,7 @@ from numba import float64, void
 from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES, lane_sum, zero
 from dlo_sim.compiling.pieces import part, piece
-from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, VECTOR
+from dlo_sim.engine.arrays import BETWEEN, CABLE, IMPLICIT, LINES, MARGIN, VECTOR
 
 
 @piece(void, LINES)
@@ -37,7 +37,7 @@ def add(scale, x, out):
             store(out, line, c, load(out, line, c) + scale * load(x, line, c))
 
 
-@piece(void, LINES, LINES, LINES)
+@piece(void, LINES, LINES, LINES, family=IMPLICIT)
 def difference(a, b, out):
     """out = a - b."""
     for line in range(a.shape[0]):
@@ -45,7 +45,7 @@ def difference(a, b, out):
             store(out, line, c, load(a, line, c) - load(b, line, c))
 
 
-@piece(float64, LINES, LINES)
+@piece(float64, LINES, LINES, family=IMPLICIT)
 def inner(a, b):
     """a . b over all lines."""
     sum_ = zero()
@@ -73,7 +73,7 @@ def damping_of(cable, line):
     return cable.linear.damping[kind_of(cable, line)]
 
 
-@piece(void, LINES, float64, VECTOR, VECTOR)
+@piece(void, LINES, float64, VECTOR, VECTOR, family=IMPLICIT | BETWEEN)
 def add_product(matrix, scale, x, out):
     """out += scale A x on one line."""
     for c in range(MARGIN, len(x) - LANES, LANES):

@@ -15,7 +15,16 @@ from numba import boolean, int64, void
 
 from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, zero
 from dlo_sim.compiling.pieces import part, piece
-from dlo_sim.engine.arrays import BENDING, CABLE, CURVED, LINES, MATERIAL, PLASTICITY, cable_at
+from dlo_sim.engine.arrays import (
+    BENDING,
+    CABLE,
+    CURVED,
+    IMPLICIT,
+    LINES,
+    MATERIAL,
+    PLASTICITY,
+    cable_at,
+)
 from dlo_sim.engine.plasticity import CURVATURE, TANGENT, curvature, slipping
 from dlo_sim.engine.spans import (
     add_cubic,
@@ -222,7 +231,7 @@ def follow_to_present(address):
     follow_natural(cable, cable.state.x)
 
 
-@piece(void, CABLE, LINES, LINES, LINES, terms=CURVED)
+@piece(void, CABLE, LINES, LINES, LINES, terms=CURVED, family=IMPLICIT)
 def add_natural_stiffness(cable, x0, x1, matrix):
     """matrix += derivative with respect to theta at x1 of the discrete gradient on theta, to first
     order in the step. Entry (i, i - k) of the symmetric matrix is at [k, i - k], k from 0 to 3.

@@ -29,7 +29,7 @@ from numba.types import UniTuple
 
 from dlo_sim.compiling.lanes import lane_sum, sqrt, zero
 from dlo_sim.compiling.pieces import part, piece
-from dlo_sim.engine.arrays import ANY_STRETCH, CABLE, LINES, SPAN_STRETCH
+from dlo_sim.engine.arrays import ANY_STRETCH, BETWEEN, CABLE, IMPLICIT, LINES, SPAN_STRETCH
 from dlo_sim.engine.spans import curve, span_strains, tangent_at
 from dlo_sim.terms import stretch
 from dlo_sim.terms.vectors import combined, dot
@@ -68,7 +68,7 @@ def strains_of_span(cable, b, p):
     return zero(), zero()
 
 
-@piece(void, CABLE, LINES, LINES, LINES, float64)
+@piece(void, CABLE, LINES, LINES, LINES, float64, family=IMPLICIT | BETWEEN)
 def predict_tension(cable, x0, x1, moved, share):
     """Predict the tension for a correction `moved` of x1, the end of a step from x0, to first
     order. With x0 = x1 at the middle of the step, `moved` counts by half. `share`: 1 where the
@@ -140,7 +140,7 @@ def copy_tension(source, target):
             target[b, j] = source[b, j]
 
 
-@piece(UniTuple(float64, 2), CABLE, LINES, LINES, LINES)
+@piece(UniTuple(float64, 2), CABLE, LINES, LINES, LINES, family=IMPLICIT)
 def unpredicted(cable, x0, x1, moved):
     """What the strain of a step from x0 to x1 has beyond the predicted tension: its energy, and the
     work of its force along `moved` [J].

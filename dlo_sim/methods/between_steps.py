@@ -11,7 +11,7 @@ from numba import boolean, float64, int64, void
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, NO, YES, part, piece
 from dlo_sim.engine import account, bishop, contact
-from dlo_sim.engine.arrays import CONTACT, PADDING, TWISTED, cable_at
+from dlo_sim.engine.arrays import BETWEEN, CONTACT, PADDING, TWISTED, cable_at
 from dlo_sim.engine.assembly import (
     add_damping,
     all_forces,
@@ -76,8 +76,9 @@ def turn_to(address, t):
 @piece(void, int64, float64)
 def place_held(address, t):
     """Project the configuration onto the constraints at time t, in the metric of the mass M."""
-    turn_to(address, t)
     cable = cable_at(address)
+    set_targets(cable, t)
+    take_directions(cable)
     target_residuals(cable, cable.state.direction, cable.state.x)
     add_shifts(cable, 1.0, cable.state.x)
 
@@ -182,7 +183,7 @@ def stiffness(address, predicted):
     slide_tangent(cable, NO, x, x, 2.0, band)
 
 
-@piece(void, int64, ARRAY_2D)
+@piece(void, int64, ARRAY_2D, family=BETWEEN)
 def predict(address, moved):
     """`tension.predict_tension` for a motion in lines that comes next."""
     cable = cable_at(address)
@@ -198,7 +199,7 @@ def moment_stiffness(address):
     add_load_stiffness(cable, cable.state.x, 0.0, 1.0, cable.work.band)
 
 
-@piece(int64, int64, ARRAY_2D, boolean)
+@piece(int64, int64, ARRAY_2D, boolean, family=BETWEEN)
 def solve_held(address, unknowns, transposed):
     """Solve K y = unknowns, or K^T y = unknowns, for every row of the unknowns (m, n dim), in place
     with the constraint rows imposed; K in `work.band` is overwritten.
@@ -300,7 +301,7 @@ def held_force(address, t, force, out):
     through_inverse(state.inverse, work.rates, 1.0, values)
 
 
-@piece(void, int64, ARRAY_2D, ARRAY_2D)
+@piece(void, int64, ARRAY_2D, ARRAY_2D, family=BETWEEN)
 def damping_forces(address, velocities, out):
     """out += forces of linear damping, drag and viscosity at these velocities; both are lines."""
     cable, v, f = cable_at(address), grid(velocities), grid(out)

@@ -278,7 +278,7 @@ def keep_constraints(cable):
         add_shifts(cable, 1.0, x)
 
 
-@piece(void, CABLE, float64, float64)
+@piece(void, CABLE, float64, float64, family=IMPLICIT)
 def begin_step(cable, t0, tau):
     """Predict the configuration at the end of the step and move it onto the constraints there.
 
@@ -347,7 +347,7 @@ def is_viscous(cable):
     return cable.terms & DAMPED != 0 and physics.beta_stretch + physics.beta_bend > 0.0
 
 
-@piece(float64, CABLE, float64, float64, boolean)
+@piece(float64, CABLE, float64, float64, boolean, family=IMPLICIT)
 def step_force(cable, t0, tau, discrete):
     """force = all forces of the step from `start` to the present configuration, start + change.
 
@@ -401,7 +401,7 @@ def take_reactions(cable, directions, out):
             out[k] = -residual[PADDING + own * dim + entry]
 
 
-@piece(float64, CABLE, float64, float64)
+@piece(float64, CABLE, float64, float64, family=IMPLICIT)
 def set_residual(cable, a, b):
     """Set `residual` to that of the momentum balance, in the frames of the clamps, and `row_force`
     to the reactions of the constraint rows. Returns the sum |inertia_i change_i| [J].
@@ -440,7 +440,7 @@ def factorize(cable, tau, discrete, matrix):
     return eliminate(matrix, cable.n * cable.dim, cable.dim)
 
 
-@piece(boolean, CABLE, float64, float64, float64, boolean)
+@piece(boolean, CABLE, float64, float64, float64, boolean, family=IMPLICIT)
 def newton_matrix(cable, t0, tau, a, discrete):
     """state.matrix = LU factors of the Jacobian of the momentum balance; return whether they exist.
 
@@ -590,7 +590,7 @@ def largest(x, lines):
     return value
 
 
-@piece(boolean, CABLE)
+@piece(boolean, CABLE, family=IMPLICIT)
 def turned_over(cable):
     """Whether an edge of the control polygon turned by more than a right angle in the step.
 
@@ -635,7 +635,7 @@ def prescribed_energy(cable, directions, inverse, v):
     return energy
 
 
-@piece(float64, CABLE, boolean, float64, terms=DAMPED)
+@piece(float64, CABLE, boolean, float64, terms=DAMPED, family=IMPLICIT)
 def settle_overdamped(cable, moves, tau):
     """Remove the part of the velocity that alternates from step to step, where it exceeds the mean
     velocity; returns its energy [J].
@@ -703,7 +703,7 @@ def settle_overdamped(cable, moves, tau):
     return loss
 
 
-@piece(float64, CABLE, float64, float64, terms=CONTACT)
+@piece(float64, CABLE, float64, float64, terms=CONTACT, family=IMPLICIT)
 def stop_contacts(cable, t, tau):
     """Give what is pressed at the end t of a step the velocity after contact (`engine.contact`);
     returns the energy lost [J]. Its impulses add to the work of obstacles and grasps, and to the
@@ -782,7 +782,7 @@ def stop_contacts(cable, t, tau):
     return lost + driven
 
 
-@piece(void, CABLE, float64, float64, float64, float64)
+@piece(void, CABLE, float64, float64, float64, float64, family=IMPLICIT)
 def finish_step(cable, t0, tau, whole, lost):
     """Update w, the mean reactions, and the energy balance.
 
@@ -881,6 +881,7 @@ def judge_matrix(balance, iterations, made):
 @piece(
     *(boolean, CABLE, METHOD),
     *(float64, float64, float64, int64),
+    family=IMPLICIT,
 )
 def try_step(cable, method, t0, tau, whole, level):
     """One step in place, of which `results.evaluations` counts the iterations; returns whether it

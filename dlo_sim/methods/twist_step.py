@@ -20,6 +20,7 @@ from dlo_sim.engine.arrays import (
     BISHOP,
     CABLE,
     DAMPED,
+    IMPLICIT,
     LINES,
     MARGIN,
     MATERIAL,
@@ -223,7 +224,9 @@ def correct_twist(cable, begin, end, x, tau, beta, spins, make, before):
     return moved, slope
 
 
-@piece(float64, CABLE, LINES, LINES, LINES, float64, float64, boolean, terms=TWISTED)
+@piece(
+    float64, CABLE, LINES, LINES, LINES, float64, float64, boolean, terms=TWISTED, family=IMPLICIT
+)
 def solve_twist(cable, begin, end, x, t0, tau, anew):
     """Solve for the twist line at the end of the step from t0.
 
@@ -285,7 +288,7 @@ def solve_twist(cable, begin, end, x, t0, tau, anew):
     return lost
 
 
-@piece(*WITHIN, terms=BISHOP)
+@piece(*WITHIN, terms=BISHOP, family=IMPLICIT)
 def step_twist(cable, t0, tau, discrete, anew):
     """`solve_twist` in the Bishop frame of the present iterate of the shape, then add the forces of
     the twist on the centreline to `force`. Returns the energy dissipated [J].
@@ -310,7 +313,7 @@ def twist_matrix(cable, tau, discrete):
     make_matrix(cable, begin, end, tau, damping_share(cable, tau))
 
 
-@piece(*END, terms=TWISTED)
+@piece(*END, terms=TWISTED, family=IMPLICIT)
 def end_twist(cable, t0, tau):
     """Solve for the twist, unless `step_twist` has done so, and set `row_force` of the rows that
     prescribe it to their reactions, from the momentum balance. Returns the energy dissipated [J].
