@@ -353,6 +353,7 @@ class Work(Group):
         "yielded",  # `balance.yields` at the start of the step
         *("contact_work", "contact_loss"),  # of the step [J] (`contact.look`)
         *("contact_sane", "contact_deep"),  # 1: nothing passed through; samples near a middle
+        "twist_step",  # for which the matrix of the twist is factorised [s], 0: for none
         "twist_open",  # 1 if the twist of a cable that rolls has not converged
         "pair_loss",  # of the last `self_contact.add_force` [J]
         "pair_work",  # of the diameter that grows back, likewise [J]

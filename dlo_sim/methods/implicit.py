@@ -798,7 +798,7 @@ def finish_step(cable, t0, tau, whole, lost):
     moves = grasps_move(cable)
     if cable.terms & CONTACT:
         learn_extrapolated_share(cable)
-    lost += end_twist(cable, t0, tau)
+    end_twist(cable, tau)
     for line in range(cable.lines):
         for c in range(0, cable.columns, LANES):
             speed = load(work.start_v, line, c)
@@ -932,7 +932,7 @@ def try_step(cable, method, t0, tau, whole, level):
     balance.slip = 0.5 if discrete else 1.0
     while True:
         lost = step_force(cable, t0, tau, discrete)
-        lost += step_twist(cable, t0, tau, discrete, iterations == 0)
+        lost += step_twist(cable, tau, discrete, iterations == 0)
         inertia = set_residual(cable, a, b)
         if converged or iterations == most:
             break

@@ -26,11 +26,9 @@ from dlo_sim.engine.arrays import (
     MATERIAL,
     ROLLING,
     STATIC_TWIST,
-    TWISTED,
 )
 from dlo_sim.engine.bishop import push_by_twist, turn_by_shape
-from dlo_sim.engine.lines import add_differences, add_product, clear, difference_form, form, mass_of
-from dlo_sim.engine.loads import load_force
+from dlo_sim.engine.lines import add_differences, add_product, difference_form, form, mass_of
 from dlo_sim.engine.natural_curvature import add_natural_stiffness, natural_force
 from dlo_sim.engine.rolling import add_moments as add_rolling_moments
 from dlo_sim.engine.rolling import add_stiffness as add_rolling_stiffness
@@ -45,8 +43,6 @@ MOST_NEWTON = 8  # Newton corrections with natural curvature in the material fra
 SETTLED, SHRUNK = 1e-4, 0.1
 # With friction that rolls the cable, which sticks or slides, Newton's corrections may overshoot.
 MOST_ROLLING, ROLLED, OVERSHOT, LEAST_SHARE = 40, 1e-9, 0.5, 0.4
-WITHIN = float64, CABLE, float64, float64, boolean, boolean
-END = float64, CABLE, float64, float64
 
 
 @part
@@ -116,21 +112,6 @@ def solve(cable, matrix, x):
         d = matrix[0, i] * x[MARGIN + i] - c
         x[MARGIN + i] = d
         c, b, a = b + matrix[4, i] * d, a + matrix[5, i] * d, matrix[6, i] * d
-
-
-@part
-def take_midpoint_moments(cable, t0, tau):
-    """Replace the applied moments on the twist in `force` and `load` by those at the midpoint."""
-    work, line = cable.work, cable.dim
-    moment = work.damping
-    for d in range(cable.dim):
-        for c in range(cable.columns):
-            work.middle[d, c] = work.start[d, c] + 0.5 * work.change[d, c]
-    clear(moment)
-    load_force(cable, work.middle, t0 + 0.5 * tau, moment)
-    for c in range(cable.columns):
-        work.force[line, c] += moment[line, c] - work.load[line, c]
-        work.load[line, c] = moment[line, c]
 
 
 @part
@@ -224,10 +205,8 @@ def correct_twist(cable, begin, end, x, tau, beta, spins, make, before):
     return moved, slope
 
 
-@piece(
-    float64, CABLE, LINES, LINES, LINES, float64, float64, boolean, terms=TWISTED, family=IMPLICIT
-)
-def solve_twist(cable, begin, end, x, t0, tau, anew):
+@piece(float64, CABLE, LINES, LINES, float64, boolean, terms=BISHOP, family=IMPLICIT)
+def solve_twist(cable, begin, end, tau, anew):
     """Solve for the twist line at the end of the step from t0.
 
     On entry `change` has the prescribed part and `force` the forces at the new shape; the twist
@@ -235,21 +214,21 @@ def solve_twist(cable, begin, end, x, t0, tau, anew):
 
     Args:
         begin, end: configurations of the discrete gradient of the natural curvature. anew: whether
-            this is the first time in this step; the matrix stays that of the first time, unless
-            natural curvature needs a second correction.
+            this is the first time in this step. The matrix is constant, except with natural
+            curvature, whose first one of a step stays unless it needs a second correction, and with
+            friction that rolls the cable.
 
     Returns:
         The energy [J] dissipated in the twist, less that of the external damping in the initial
         `change`, which `implicit.step_force` counted.
     """
-    work, line = cable.work, cable.dim
+    work, line, x = cable.work, cable.dim, cable.state.x
     rolling, damped = cable.terms & ROLLING != 0, cable.terms & DAMPED != 0
+    natural = cable.terms & MATERIAL != 0
     force, change, own = work.force[line], work.change[line], work.twist_own[line]
     damping = cable.linear.damping[1]
-    if cable.loads.count:
-        take_midpoint_moments(cable, t0, tau)
     beta = damping_share(cable, tau)
-    if anew:
+    if work.results.twist_step != tau:
         for i in range(cable.n):
             work.twist_held[i] = 0.0
         for k in range(cable.rows.count):
@@ -263,7 +242,7 @@ def solve_twist(cable, begin, end, x, t0, tau, anew):
     spring_force(cable, x, 1.0, YES, work.force)
     for c in range(cable.columns):
         own[c] = force[c]
-    most = MOST_NEWTON if cable.terms & MATERIAL else 1
+    most = MOST_NEWTON if natural else 1
     settled = SETTLED
     if rolling:
         most, settled = MOST_ROLLING, ROLLED
@@ -271,7 +250,8 @@ def solve_twist(cable, begin, end, x, t0, tau, anew):
     for correction in range(most):
         for c in range(cable.columns):
             force[c] = own[c]
-        make, before = anew or correction > 0 or rolling, slope if rolling else 0.0
+        make = correction > 0 or rolling or (natural and anew) or work.results.twist_step != tau
+        before = slope if rolling else 0.0
         moved, slope = correct_twist(cable, begin, end, x, tau, beta, spins, make, before)
         for c in range(cable.columns):
             work.middle[line, c] = work.start[line, c] + 0.5 * change[c]
@@ -279,6 +259,7 @@ def solve_twist(cable, begin, end, x, t0, tau, anew):
             break
         if correction == 0 and not rolling:
             tolerance = max(SETTLED, SHRUNK * moved)
+    work.results.twist_step = tau
     work.results.twist_open = 1.0 if rolling and not moved < tolerance else 0.0
     lost += roll_loss(cable, work.change)[0]
     if damped:
@@ -288,8 +269,8 @@ def solve_twist(cable, begin, end, x, t0, tau, anew):
     return lost
 
 
-@piece(*WITHIN, terms=BISHOP, family=IMPLICIT)
-def step_twist(cable, t0, tau, discrete, anew):
+@piece(float64, CABLE, float64, boolean, boolean, terms=BISHOP, family=IMPLICIT)
+def step_twist(cable, tau, discrete, anew):
     """`solve_twist` in the Bishop frame of the present iterate of the shape, then add the forces of
     the twist on the centreline to `force`. Returns the energy dissipated [J].
     """
@@ -297,7 +278,7 @@ def step_twist(cable, t0, tau, discrete, anew):
     begin, end = (cable.work.start, x) if discrete else (cable.work.middle, cable.work.middle)
     viscous = damping_share(cable, tau)
     turn_by_shape(cable, end, viscous, discrete, force)
-    lost = solve_twist(cable, begin, end, x, t0, tau, anew)
+    lost = solve_twist(cable, begin, end, tau, anew)
     lost += push_by_twist(cable, begin, end, viscous, force)
     if cable.terms & MATERIAL:
         natural_force(cable, begin, end, NO, YES, force)
@@ -313,15 +294,11 @@ def twist_matrix(cable, tau, discrete):
     make_matrix(cable, begin, end, tau, damping_share(cable, tau))
 
 
-@piece(*END, terms=TWISTED, family=IMPLICIT)
-def end_twist(cable, t0, tau):
-    """Solve for the twist, unless `step_twist` has done so, and set `row_force` of the rows that
-    prescribe it to their reactions, from the momentum balance. Returns the energy dissipated [J].
+@piece(void, CABLE, float64, terms=BISHOP, family=IMPLICIT)
+def end_twist(cable, tau):
+    """Set `row_force` of the rows that prescribe the twist to their reactions, from the momentum
+    balance.
     """
-    lost = 0.0
-    if not cable.terms & BISHOP:
-        x = cable.state.x
-        lost = solve_twist(cable, x, x, x, t0, tau, YES)
     work, line = cable.work, cable.dim
     rate, push = work.rate[line], work.inertia[line]
     for c in range(cable.columns):
@@ -331,4 +308,3 @@ def end_twist(cable, t0, tau):
     for k in range(cable.rows.count):
         if cable.rows.line[k] == line:
             work.row_force[k] = row_value(cable, k, work.old_direction, work.inertia)
-    return lost
