@@ -74,7 +74,7 @@ def build_model(
     origin = np.zeros(3) if origin is None else origin
     room = guides + (obstacles.MOST_PIECES if scene.contact.markers else bodies)
     most = most_sizes(scene, n, rule.xi.shape[1], room, segments)
-    weight = scene.cable.mu * EARTH * scene.cable.length
+    weight = (scene.cable.mu * scene.cable.length + scene.start.mass + scene.end.mass) * EARTH
     axial = scene.cable.EA
     if inextensible(scene):  # the penalty factor of `engine.tension`
         axial = max(axial, PENALTY * (weight + scene.cable.EI / scene.cable.length**2))

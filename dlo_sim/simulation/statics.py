@@ -103,7 +103,8 @@ STEADY = 1e5  # pseudo-time of the stiffness that must be positive at rest, in `
 CONVERGED, EXACT = 1e-4, 1e-12  # last correction: share of that of the step, or of the length
 LOOSE = 1e-2  # the former with twist
 
-PROJECTING = 1e-4  # of the first step, in which a cable only comes to its length
+# Shares of the first step in which a cable only comes to its length, and falls as little as may be.
+PROJECTING = 1e-4, 1e-3, 1e-2
 
 
 def place(
@@ -239,7 +240,8 @@ class _FirstShape:
         if resting:
             return self._rests(1.0)
         search = _Search(cable)
-        done = search.step(PROJECTING * search.first_step())[0] > 0
+        step = search.first_step()
+        done = any(search.step(share * step)[0] > 0 for share in PROJECTING)
         cable.take_tension(at_rest=False)
         return done
 
