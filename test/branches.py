@@ -60,11 +60,11 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
     """
     first = models[0]
     for model in models:
-        alike = ("dim", "lines", "samples", "constraints")
+        alike = ("dim", "lines", "samples")
         unlike = any(model.arrays.sizes[size] != first.arrays.sizes[size] for size in alike)
         if unlike or (model.terms ^ first.terms) & ~HELD:
             raise ValueError("branches: need the same lines, terms, and samples in a span")
-    if first.has(ALONG) or first.arrays.sizes["constraints"]:
+    if first.has(ALONG) or first.arrays.physics.keeps_length:
         raise ValueError(
             "branches: twist against a frame, contact of the cable with itself, grasps that slide, "
             "and inextensible cables are not available"

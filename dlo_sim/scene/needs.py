@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
-from dlo_sim.scene.terms import IMPLICIT_METHODS, KEEPING_LENGTH, TERMS, Term
+from dlo_sim.scene.terms import (
+    IMPLICIT_METHODS,
+    KEEPING_LENGTH,
+    TERMS,
+    Term,
+    restrictions_of,
+)
 
 Vector = NDArray[np.float64]
 _SPACE = (0, 1, 2)
@@ -196,8 +202,11 @@ def inextensible(scene: Scene) -> bool:
     """Whether the cable keeps its length: stretching is switched off, the method knows multipliers
     (`engine.tension`), and the ends do not pull the cable taut.
     """
-    knows = scene.integrator.method in KEEPING_LENGTH
-    return scene.terms.stretch == "off" and knows and not _taut(scene)
+    if scene.terms.stretch != "off" or _taut(scene):
+        return False
+    if scene.integrator.method == "auto":
+        return all("energy_momentum" in one.methods for one in restrictions_of(scene))
+    return scene.integrator.method in KEEPING_LENGTH
 
 
 def _taut(scene: Scene) -> bool:

@@ -160,7 +160,7 @@ IMPLICIT_METHODS = ("auto", *IMPLICIT)  # values with which steps may be implici
 FORWARD = ("energy_momentum", "implicit_midpoint")  # implicit, without negative sub-steps
 LOSSY = (*FORWARD, *EXPLICIT)
 SINGLE = (*FORWARD, "velocity_verlet", "rk4", "zhai")
-KEEPING_LENGTH = ("auto", "energy_momentum", "energy_momentum_4")  # with terms.stretch: off
+KEEPING_LENGTH = ("energy_momentum", "energy_momentum_4")  # with terms.stretch: off
 
 
 @dataclass(frozen=True)

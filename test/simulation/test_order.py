@@ -12,7 +12,6 @@ from cables import (
     FULL,
     FULLY_DAMPED,
     MASS_DAMPED,
-    METHODS,
     MOTIONS,
     SINE_LOAD,
     Bench,
@@ -21,12 +20,12 @@ from cables import (
     straight,
 )
 
-from dlo_sim.core.methods import IMPLICIT
+from dlo_sim.core.methods import IMPLICIT, METHODS
 
 DURATION = 0.08  # [s]; 5 cm and 0.35 rad of the clamp, some 10 cm of the middle
 LOAD = SINE_LOAD | {"loads.tip.position": 0.6}
 DAMPING = {"undamped": FULL, "mass": MASS_DAMPED, "all": FULLY_DAMPED}
-METHODS = list(METHODS.values())
+SAME_EQUATIONS = list(METHODS.values())
 
 
 def motions(springs_move):
@@ -78,7 +77,7 @@ PAIRS = pytest.mark.parametrize(
     ("method", "damping"),
     [
         pytest.param(method, damping, id=f"{method.name}-{damping}")
-        for method in METHODS
+        for method in SAME_EQUATIONS
         for damping in DAMPING
         if admitted(method, damping)
     ],
@@ -110,7 +109,7 @@ def test_shape_has_the_declared_order(method, damping):
     assert first[1] < {2: 1e-3, 4: 3e-5}[method.order]
 
 
-@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
+@pytest.mark.parametrize("method", SAME_EQUATIONS, ids=lambda method: method.name)
 def test_order_holds_with_springs_that_are_moved(method):
     orders, first = convergence(method, "undamped", springs_move=True)
     assert_order(method, orders[:, 0])

@@ -6,7 +6,6 @@ from cables import (
     FLAT,
     FULL,
     MASS_DAMPED,
-    METHODS,
     SOFT,
     Bench,
     Reference,
@@ -18,7 +17,7 @@ from cables import (
 )
 
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.core.methods import IMPLICIT
+from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.simulation.stepper import Stepper
 

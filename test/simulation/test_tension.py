@@ -1,5 +1,5 @@
-"""The axial tension as an unknown of its own: stiff cables cost no more, and the limit of an infinite
-stiffness keeps the length."""
+"""The axial tension as an unknown of its own: stiff cables cost no more, and the limit of an
+infinite stiffness keeps the length."""
 
 import math
 
@@ -35,7 +35,7 @@ def swung(n, values, steps=500):
 
 @pytest.mark.parametrize("n", [13, 41])
 def test_iterations_do_not_grow_with_the_axial_stiffness(n):
-    """3 to 5 a step; with the tension of the iterate in the tangent, 6 at 1e3 N and 120 at 1e8 N."""
+    """3 to 5 a step; with the tension of the iterate in the tangent 6 at 1e3 N, 120 at 1e8 N."""
     for stiffness in (1e3, 1e5, 1e8):
         sim, iterations = swung(n, {"cable.axial_stiffness": stiffness})
         assert iterations < 6.0
