@@ -134,7 +134,7 @@ from dlo_sim.engine.tension import (
 from dlo_sim.methods.twist_step import end_twist, step_twist, twist_matrix
 
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
-MAX_SMOOTH = 20  # the same without contact and twist
+MAX_BOLD = 20  # the same before corrections that overshoot are shortened
 HOPELESS = 8  # iterations after which corrections there must be smaller than the first
 MAX_HALVINGS = 12
 WHOLE, HALVED = (
@@ -880,15 +880,16 @@ def judge_matrix(balance, iterations, made):
 
 @piece(
     *(boolean, CABLE, METHOD),
-    *(float64, float64, float64, int64),
+    *(float64, float64, float64, int64, boolean, boolean),
     family=IMPLICIT,
 )
-def try_step(cable, method, t0, tau, whole, level):
+def try_step(cable, method, t0, tau, whole, level, careful, predicts):
     """One step in place, of which `results.evaluations` counts the iterations; returns whether it
     converged. If not, x, w and the constraints of the state are restored.
 
     It is a part of a step of length `whole`, over which reactions are averaged, that was halved
-    `level` times. At low levels, a step that folds the cable over (`turned_over`), or lets it pass
+    `level` times. If `careful`, corrections that overshoot are shortened; if `predicts`, the tangent
+    has the tension that the last correction predicted (`engine.tension`). At low levels, a step that folds the cable over (`turned_over`), or lets it pass
     through itself, counts as not converged.
 
     The matrix is reused, across steps too, while the iteration contracts fast (`judge_matrix`). It
@@ -907,13 +908,8 @@ def try_step(cable, method, t0, tau, whole, level):
     coupled = cable.terms & (BISHOP | SLIDING) != 0
     room = SPARE * ROOM if cable.terms & CONTACT else ROOM
     lossy = cable.terms & (CONTACT | DAMPED) == CONTACT | DAMPED
-    # Contact changes its mind, and twist and friction follow the shape: only without them does the
-    # iteration converge quadratically, or not at all.
-    # A cable that is stretched by far is not stiff along itself: a tension predicted to first order
-    # is then worse than that of the shape.
-    mixed = level < CAREFUL_HALVINGS or cable.physics.keeps_length != 0.0
-    smooth = cable.terms & (CONTACT | SELF | BISHOP) == 0
-    most = MAX_SMOOTH if smooth and level == 0 else MAX_ITERATIONS
+    mixed = predicts or cable.physics.keeps_length != 0.0
+    most = MAX_ITERATIONS if careful else MAX_BOLD
     converged = False
     iterations = 0
     previous = np.inf
@@ -957,7 +953,6 @@ def try_step(cable, method, t0, tau, whole, level):
                 stiff = stiff or energy > allowed
                 linearize = linearize or stiff
                 along += extra
-            careful = not smooth or level > 0
             overshot = careful and not changed and not abs(along) <= GROWTH * abs(slope)
             if overshot and share > SMALLEST_SHARE:
                 # Shorten the last correction and continue with a new matrix. Where what sticks to
@@ -985,7 +980,7 @@ def try_step(cable, method, t0, tau, whole, level):
         stretched = stretched and mixed
         known += 1
         first = moved if iterations == 1 else first
-        hopeless = smooth and level == 0 and iterations >= HOPELESS and moved > first
+        hopeless = not careful and iterations >= HOPELESS and moved > first
         if not energy < 1e300 or hopeless:
             break
         stalls = stalls + 1 if energy > STALLED * previous else 0
@@ -1064,19 +1059,30 @@ def implicit_step(method, cable, step, tau):
     at = 0.0
     for k in range(method.stages):
         t0, length = step * tau + at * tau, method.substeps[k] * tau
+        # Contact changes its mind, and the twist follows the shape: only without them does Newton's
+        # method converge quadratically, or soon is hopeless. A cable that is stretched by far is
+        # not stiff along itself: a tension predicted to first order is then worse than that of the
+        # shape.
+        wary = cable.terms & (CONTACT | SELF | BISHOP) != 0
+        careful = wary
         level, done = 0, 0  # `done` in units of 2^-MAX_HALVINGS of the substep
         while done < whole:
             one = whole >> level
             begin = t0 + length * done / whole
-            if try_step(cable, method, begin, length * one / whole, tau, level):
+            predicts = level < CAREFUL_HALVINGS and (wary or not careful)
+            if try_step(cable, method, begin, length * one / whole, tau, level, careful, predicts):
                 done += one
                 # Double again only where the longer piece is aligned, so that pieces nest.
                 if level > 0 and done % (2 * one) == 0:
                     level -= 1
+                careful = wary or level >= CAREFUL_HALVINGS
+            elif not careful:  # the same again
+                careful = True
             elif level == method.halvings or results.evaluations - begun > budget:
                 return False
             else:
                 level += 1
+                careful = wary or level >= CAREFUL_HALVINGS
         at += method.substeps[k]
     cable.state.balance.reactions = min(cable.state.balance.reactions + 1.0, 2.0)
     return True
