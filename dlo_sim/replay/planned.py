@@ -37,12 +37,10 @@ class PlanError(Exception):
 def read_plan(path: Path, scene: Scene, number: int | None = None) -> Plan:
     """The planned motion in a file, from time 0 on.
 
-    In a bag that is the only MultiDOFJointTrajectory, or, without one, what the pose topics of the
-    scene say while all of them are there, at all their stamps. A YAML or npz file holds `times` [s]
-    and for each end or grasp that moves poses x, y, z [m] and quaternion x, y, z, w, shape (T, 7).
-
-    Args:
-        number: of the trajectory, from 1, where a bag holds several.
+    In a bag that is the only MultiDOFJointTrajectory (or its `number`, from 1), or the poses on the
+    pose topics of the scene at all their stamps that all topics cover. A YAML or npz file holds
+    `times` [s] and for each end or grasp that moves poses x, y, z [m] and quaternion x, y, z, w,
+    shape (T, 7).
 
     Raises:
         PlanError: there is no such motion in it, or one that the scene cannot make.
@@ -85,10 +83,8 @@ def _in_file(path: Path) -> Trajectory:
 
 
 def _in_bag(bag: Bag, scene: Scene, number: int | None) -> Trajectory:
-    """The plan in a bag.
-
-    Raises:
-        PlanError, Refused: it holds none, several, or one that cannot be read.
+    """The plan in a bag; raises PlanError or Refused if there is none, several, or an unreadable
+    one.
     """
     planned = {
         topic: cdr.TRAJECTORY for topic, kinds in bag.topics.items() if cdr.TRAJECTORY in kinds

@@ -1,9 +1,8 @@
-"""The files of bags: what `metadata.yaml` promises, and the messages of the data files, MCAP and
-sqlite3, packed or not, in the order of writing.
+"""The files of bags, MCAP and sqlite3, packed or not: metadata, and messages in the order of
+writing.
 
 Neither an index nor a whole file is needed: a recording that was cut off or damaged is read as far
-as it goes, and what is not whole is left out. What unpacks to far more than a recording of its size
-can hold is not unpacked any further.
+as it goes. Unpacking stops when the result is far larger than a recording can be.
 """
 
 from __future__ import annotations
@@ -73,12 +72,11 @@ Wanted = Collection[tuple[str, str]] | None
 
 
 def records(path: Path, wanted: Wanted, note: Note) -> Iterator[Record]:
-    """Every whole message that can be read of a data file, in the order of writing.
+    """Every complete message that can be read of a data file, in the order of writing.
 
     Args:
-        path: the file.
         wanted: topics and types; None = all, with empty data.
-        note: called with what is wrong, one line, as often as something is.
+        note: called with each problem, one line.
     """
     try:
         if path.suffix == _PACKED:
@@ -116,20 +114,12 @@ def is_packed(data: bytes) -> bool:
 
 
 def unpacked_message(data: bytes) -> bytes:
-    """A packed message as it was.
-
-    Raises:
-        DamagedFile: it cannot be unpacked.
-    """
+    """A message without its packing; raises DamagedFile."""
     return b"".join(_pieces("zstd", io.BytesIO(data), _LARGEST_CHUNK))
 
 
 def _pieces(compression: str, packed: BinaryIO, most: int) -> Iterator[bytes]:
-    """What was packed, piece by piece.
-
-    Raises:
-        DamagedFile: it cannot be unpacked any further, or is more than so many bytes.
-    """
+    """The unpacked bytes, piece by piece; DamagedFile if they are damaged or more than `most`."""
     if compression not in _UNPACKERS:
         raise DamagedFile(f"uses unsupported compression {compression[:20]!r}")
     file = import_module(_UNPACKERS[compression]).open(packed)
@@ -147,11 +137,7 @@ def _pieces(compression: str, packed: BinaryIO, most: int) -> Iterator[bytes]:
 
 
 def _unpack(path: Path, whole: Path) -> None:
-    """Unpack a whole file as far as it goes.
-
-    Raises:
-        DamagedFile: as `_pieces`, or there is no room for it.
-    """
+    """Unpack a whole file as far as it goes; DamagedFile as `_pieces`, or if there is no room."""
     most = _LEAST_UNPACKED + _MOST_RATIO * path.stat().st_size
     with path.open("rb") as file, whole.open("wb") as out:
         for piece in _pieces("zstd", file, most):
@@ -246,9 +232,9 @@ def _read(kind: Any, record: bytes) -> Any:
 
 
 def _sqlite3_records(path: Path, wanted: Wanted, note: Note) -> Iterator[Record]:
-    """Rows of a database without its last page, if that page is not whole.
+    """Rows of a database without its last page, if that page is not complete.
 
-    The database would be read as if zeros followed, which makes false messages, not missing ones.
+    The database would be read as if zeros followed, which gives false messages, not missing ones.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -306,11 +292,7 @@ class Metadata(NamedTuple):
 
 
 def read_metadata(folder: Path) -> Metadata:
-    """The metadata of a bag.
-
-    Raises:
-        DamagedFile: they are missing or not what they should be.
-    """
+    """The metadata of a bag; raises DamagedFile if they are missing or invalid."""
     try:
         document = parse_yaml(read_text(folder / _METADATA), most_values=_MOST_VALUES)
         found: Any = cast(Mapping[str, Any], document)["rosbag2_bagfile_information"]

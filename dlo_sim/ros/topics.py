@@ -48,8 +48,8 @@ def input_qos(kind: str) -> QoSProfile:
 
 
 def output_qos(topic: str) -> QoSProfile:
-    """How an output is published: the newest state also for readers that come later, unless each
-    message is about something else. A slow reader never blocks the node.
+    """How an output is published: a late reader gets the newest state, a slow one never blocks the
+    node.
     """
     if topic in (DIAGNOSTICS, FORECAST, TF):
         return QoSProfile(depth=10)

@@ -16,11 +16,7 @@ from dlo_sim.session.intake import Transform, Transforms
 
 
 def tf2_for(scene: Scene) -> Any:
-    """The package tf2_ros if a scene asks for it, else None.
-
-    Raises:
-        SceneError: it cannot be imported.
-    """
+    """The package tf2_ros if a scene needs it, else None; SceneError if it cannot be imported."""
     if not scene.tf_keys:
         return None
     try:
@@ -35,10 +31,9 @@ def tf2_for(scene: Scene) -> Any:
 
 
 def transforms_of(node: Node, scene: Scene, opened: ExitStack) -> Transforms | None:
-    """What tf2 knows, if a scene takes anything from it; heard until `opened` is closed.
+    """The transforms of tf2, if a scene uses any, received until `opened` is closed.
 
-    Raises:
-        SceneError: as `tf2_for`.
+    Raises SceneError as `tf2_for`.
     """
     tf2_ros = tf2_for(scene)
     listens = set(scene.tf_keys) - {"outputs.tf"}

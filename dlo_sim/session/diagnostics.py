@@ -41,7 +41,7 @@ REASONS: dict[str, str] = {
     "too_fast": "a pose that would need more than inputs.max_speed",
     "too_many": "more points than are used (5,000 measured, 20,000 of a plan), a plan while a "
     "hundred wait, or more than 2 contact.markers + 1 markers or 1 MB of them in a message",
-    "bad_marker": "a marker that is no obstacle: an ellipsoid, an open mesh, without size, a crumb "
+    "bad_marker": "a marker that is no obstacle: an ellipsoid, an open mesh, without size, tiny "
     "beside the cable, of another type",
     "bad_plan": "a plan whose joints, times or poses the end effectors cannot follow from here",
 }
@@ -108,10 +108,8 @@ class TickReport(NamedTuple):
     """Result of a tick.
 
     Attributes:
-        advanced_steps: steps taken.
-        lag_ns: time by which the state is behind the wanted one [ns], because poses are missing or
-            the computer is too slow.
-        status: state of the session.
+        lag_ns: how far the state is behind the wanted time [ns], because poses are missing or the
+            computer is too slow.
         message: one line: why it failed or what it waits for; else "".
         stop: the simulator failed and `integrator.on_failure` is `stop`.
     """
@@ -128,10 +126,10 @@ class TopicRecord:
     """Counters of one input topic.
 
     timeout: silence that is reported [s], 0 = never. occasional: it is normal to receive nothing.
-    copies: messages that came again, as from a second recorder, and are ignored.
-    unframed: frame in which messages without a frame_id are taken; empty = there were none.
-    delays_ns: least and greatest age of the stamps [ns] on arrival since the last report.
-    ahead: number of messages whose stamps were ahead of the clock, in a row.
+    copies: repeated messages, as from a second recorder, which are ignored. unframed: frame in
+    which messages without a frame_id are taken; empty = there were none. delays_ns: least and
+    greatest age of the stamps [ns] on arrival since the last report. ahead: number of messages in a
+    row whose stamps were ahead of the clock.
     """
 
     topic: str
@@ -171,8 +169,7 @@ class Journal:
 
     Attributes:
         topics: counters of each input. events: name -> number. last_event: its line of text.
-        advice: what the events of `ADVICE` said, each line once.
-        skipped_ns: simulated time that was skipped [ns].
+        advice: the lines of the events in `ADVICE`, once each. skipped_ns: skipped time [ns].
     """
 
     def __init__(self, topics: Sequence[str]) -> None:
@@ -216,8 +213,7 @@ class Accuracy:
 
     Attributes:
         warning: the excess and its cure, one line; empty while the error is acceptable.
-        largest: the largest errors so far; None if none were estimated.
-        advice: the cure for them; empty if they are acceptable.
+        largest, advice: the largest errors so far (None if none were estimated), and their cure.
     """
 
     def __init__(self, scene: Scene, journal: Journal) -> None:

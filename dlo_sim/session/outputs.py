@@ -63,9 +63,7 @@ _FINER = 4  # points of the cable per capsule from which its radius is computed
 
 
 class OutgoingMessage(NamedTuple):
-    """A serialised message: topic as in the scene (`~/...`), ROS type, stamp (clock time [ns]), CDR
-    bytes.
-    """
+    """A serialised message: topic as in the scene, ROS type, stamp (clock time [ns]), CDR bytes."""
 
     topic: str
     type: str
@@ -127,11 +125,8 @@ class Outputs:
     def messages(
         self, simulator: Simulator, stamp_ns: int, wanted: Collection[str]
     ) -> list[OutgoingMessage]:
-        """The messages of this state.
-
-        Args:
-            stamp_ns: clock time of the state [ns].
-            wanted: topics; nothing is computed for the others.
+        """The messages of this state with a stamp (clock time [ns]); only the wanted topics are
+        computed.
         """
         found: list[OutgoingMessage] = []
         for topic, message_type, encode in self._topics:

@@ -67,8 +67,8 @@ class InputTopic(NamedTuple):
 
     Attributes:
         topic: its name as in the scene (`~/...`), or resolved.
-        kind: `pose` or `two_points`, `wrench` or `force`, `taken`, `plan`, `markers`, or
-            `point_cloud` or `pose_array` of points on the cable.
+        kind: `pose`, `two_points`, `wrench`, `force`, `taken`, `plan`, `markers`, or `point_cloud`
+            or `pose_array` of points on the cable.
         target: name of the end, grasp, obstacle or load; empty if it has none.
     """
 
@@ -125,11 +125,8 @@ def resolved(topic: str) -> str:
 
 
 class Naming(NamedTuple):
-    """Names of a node and its topics; the defaults are those without remapping.
-
-    Attributes:
-        node: full name of the node, namespace included.
-        topic: name of a topic in the scene (`~/force`) -> resolved name, remapped.
+    """Full name of a node, and topics of its scene (`~/force`) -> resolved names; default: not
+    remapped.
     """
 
     node: str = f"/{NODE_NAME}"
@@ -138,8 +135,7 @@ class Naming(NamedTuple):
     def inputs(self, scene: Scene) -> tuple[InputTopic, ...]:
         """The input topics of a scene, by their resolved names.
 
-        Raises:
-            SceneError: two topics of different types have the same resolved name; names both.
+        Raises SceneError if two topics of different types have one resolved name.
         """
         found = input_topics(scene)
         seen: dict[str, tuple[str, str]] = {}
