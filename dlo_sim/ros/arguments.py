@@ -186,8 +186,7 @@ def _readable_rule(rule: str) -> str:
 
 
 def _write_out_decimals(node: Any) -> bool:
-    """Make decimals of the integers in lists with decimals, in place; return whether any changed.
-    """
+    """Make decimals of the integers in lists with decimals, in place; return whether any was."""
     if isinstance(node, dict):
         changed = [_write_out_decimals(item) for item in node.values()]
         return any(changed)

@@ -56,8 +56,7 @@ class CableNode(GuardedNode):
         return None if self.cable is None else self.cable.failure
 
     def start(self) -> None:
-        """Begin to predict, with an executor that spins the node; raises SceneError for its scene.
-        """
+        """Begin to predict, with an executor that spins the node; SceneError for its scene."""
         self.cable = LiveCable(self)
         self.cable.activate()
 

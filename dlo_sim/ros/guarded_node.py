@@ -58,8 +58,7 @@ class GuardedNode(Node):
             self.overrides = dict(overrides)
 
     def resolved(self, topic: str) -> str:
-        """The resolved, remapped name of a topic; raises SceneError for one that ROS cannot have.
-        """
+        """The resolved, remapped name of a topic; SceneError for one that ROS cannot have."""
         try:
             return str(self.resolve_topic_name(topic))
         except (RuntimeError, ValueError) as error:

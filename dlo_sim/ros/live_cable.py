@@ -48,8 +48,7 @@ Result = TypeVar("Result")
 
 
 class LiveCable:
-    """Predicts a cable live, on a node; `failure`: why it must end, one line, None while it runs.
-    """
+    """Predicts a cable live, on a node; `failure`: why it must end, one line; or None."""
 
     def __init__(self, node: GuardedNode, *, read_only: bool = True) -> None:
         """Read the parameters, build and compile the simulator, then open topics and services.
@@ -305,8 +304,7 @@ class LiveCable:
             )
 
     def _keep_ticking(self) -> None:
-        """Do the executor's work in its callback, while one change of parameters follows the other.
-        """
+        """Do the executor's work in its callback, while changes of parameters follow each other."""
         self._inputs.take_waiting()
         self._tick()
         if self._timers:

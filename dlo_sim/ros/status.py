@@ -17,8 +17,7 @@ _LATE = 2.5  # periods between two ticks from which on a publication counts as l
 
 
 class Reports:
-    """When the diagnostics are due, and which of their lines the logger `log` of the node repeats.
-    """
+    """When the diagnostics are due, and which lines the logger `log` of the node repeats."""
 
     def __init__(self, log: Any) -> None:
         self._log = log

@@ -84,8 +84,7 @@ class _Listening:
 
 
 def survey(session: Session | None, seconds: float) -> Survey:
-    """Listen as the node of this session would, for some seconds; RuntimeError if ROS cannot start.
-    """
+    """Listen as the node of this session would, some seconds; RuntimeError if ROS cannot start."""
     rmw = get_rmw_implementation_identifier()
     if session is None:
         return Survey(rmw)
