@@ -35,11 +35,7 @@ class NpzRefused(Exception):
 
 
 class NpzUnreadable(NpzRefused):
-    """The operating system does not let it be read.
-
-    Attributes:
-        missing: whether there is no such file.
-    """
+    """The operating system does not let it be read; `missing`: there is no such file."""
 
     def __init__(self, error: OSError) -> None:
         super().__init__(f"cannot be read ({error.strerror or error})")
@@ -47,13 +43,7 @@ class NpzUnreadable(NpzRefused):
 
 
 def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
-    """Arrays of numbers, or of text, in an npz file.
-
-    Args:
-        names: which of them; None = all. Others are not read.
-
-    Returns:
-        Name -> array, for those that are there.
+    """Arrays of numbers, or of text, in an npz file, by name; `names`: only these, None = all.
 
     Raises:
         NpzUnreadable: there is no such file, or it may not be read.

@@ -1,5 +1,4 @@
-"""One rotation at a time, in plain numbers: what `rotations` does for arrays, in a tenth of the
-time that an array of three or four numbers takes.
+"""One rotation in plain numbers: like `rotations` for arrays, in a tenth of the time.
 
 Quaternions are tuples x, y, z, w of unit length; rotation vectors are axis times angle [rad] in the
 world frame.
@@ -99,11 +98,7 @@ def aligned(q: Quaternion, body: Vector, direction: Vector) -> Quaternion:
 
 
 def normalized(q: Quaternion) -> Quaternion:
-    """q / |q|.
-
-    Raises:
-        ValueError: if it is zero or not finite (it has no direction).
-    """
+    """q / |q|; ValueError if it is zero or not finite."""
     size = math.hypot(*q)
     if not math.isfinite(size) or size == 0.0:
         raise ValueError("quaternion is zero or not finite: it gives no orientation")

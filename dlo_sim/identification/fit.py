@@ -1,20 +1,20 @@
-"""Fitting a scene's numbers to recordings, and how well they are known.
+"""Fits parameters of a scene to recordings, and estimates their uncertainty.
 
 Robust least squares (soft L1) in stages, each from the solution of the one before, the first from
-the best of a grid. Before a stage, what the data cannot tell is taken out and left at its value: J
-are the derivatives of the errors by the unknowns in units of their widths. While a singular value
-of J is so small that a change by a width is lost in the noise, the unknown that has the largest
-share in it goes.
+the best of a grid. Before a stage, parameters that the data cannot determine keep their values: J
+are the derivatives of the errors by the unknowns in units of their widths; while a singular value
+of J is so small that a change by a width is lost in the noise, the unknown with the largest part in
+it is removed.
 
-How well the numbers are known is their covariance, estimated from the errors that the fit leaves.
-With the derivatives J, robust weights W and H = J^T W J, an error e of the measurements changes the
-numbers by -H^-1 J^T W e. Two kinds of error count:
-- what is left, with the sums g_t = J_t^T W_t e_t of frame t. Its part is H^-1 S H^-1, with S the
-  sum of the autocovariance of g over the lags up to which errors are correlated (Newey & West 1987,
+The covariance is estimated from the errors that the fit leaves. With the derivatives J, robust
+weights W and H = J^T W J, an error e of the measurements changes the unknowns by -H^-1 J^T W e. Two
+kinds of error count:
+- residuals, with the sums g_t = J_t^T W_t e_t of frame t. Their part is H^-1 S H^-1, with S the sum
+  of the autocovariance of g over the lags up to which errors are correlated (Newey & West 1987,
   doi:10.2307/1913610), within each piece of motion;
-- noise of the frames from which a piece starts, which the whole piece then follows: a damping is
-  told by how a motion dies away, and that depends on how it began. Its part is the mean of
-  H^-1 g g^T H^-1 over simulations from starts with as much noise again, with the sum g over a piece
+- noise of the frames from which a piece starts, which the whole piece then follows: the decay of a
+  motion, which determines the damping, depends on its beginning. Its part is the mean of H^-1 g g^T
+  H^-1 over simulations from starts with as much noise again, with the sum g over a piece
   (propagation of errors, by Monte Carlo: JCGM 101:2008).
 """
 
@@ -88,8 +88,7 @@ class Fit:
 
     Attributes:
         scene, sensor: with the fitted values. numbers: fitted.
-        left: label -> why it was left at its value.
-        seen: what the fit saw of the numbers at the end.
+        left: label -> why it kept its value. seen: the numbers in the units of the fit, at the end.
         evaluations: simulations of all recordings.
     """
 
@@ -111,11 +110,11 @@ def fit(
     """Fit the unknowns of a problem, stage by stage.
 
     Args:
-        before: a fit of the same unknowns to go on from, in one stage.
+        before: a fit of the same unknowns to continue, in one stage.
         progress: called with the fraction done. tell: gets a line for each unknown that is left.
 
     Raises:
-        FitError: no scipy, or nothing that the data can tell.
+        FitError: no scipy, or nothing that the data can determine.
     """
     if importlib.util.find_spec("scipy") is None:
         raise FitError("identify needs scipy; install dlo_sim with the extra 'identify'")
@@ -305,8 +304,8 @@ def _cost(errors: Array) -> float:
 def indistinct(
     derivatives: Array, unknowns: tuple[Unknown, ...], active: Mask, kept: Mask
 ) -> list[tuple[int, str]]:
-    """Places and reasons of the active unknowns, but for those kept, that the data cannot tell by
-    derivatives of the errors in units of their noise.
+    """Places and reasons of the active unknowns, except those kept, that the data cannot determine,
+    from derivatives of the errors in units of their noise.
     """
     places: list[int] = np.flatnonzero(active).tolist()
     widths = np.array([unknowns[k].width for k in places])
@@ -336,8 +335,9 @@ def covariance(
     """Covariance of the unknowns.
 
     Args:
-        errors: by what counts as large, shape (T, N). derivatives: by the unknowns, (T, N, U).
-        pieces: which piece each frame is of, rising from 0, shape (T,).
+        errors: in units of what counts as large, shape (T, N). derivatives: by the unknowns, (T, N,
+            U).
+        pieces: number of the piece of each frame, rising from 0, shape (T,).
         disturbed: changes of the errors by noise of the starts, shape (T, N) each.
     """
     weights = 1.0 / np.sqrt(1.0 + errors**2)

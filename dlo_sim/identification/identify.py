@@ -40,16 +40,15 @@ class Identified:
     """The result of an identification.
 
     Attributes:
-        scene: with the numbers fitted to all pieces. fit: of all pieces.
-        scores: of the training and the left-out pieces with the numbers of the first fit, and of
-            all pieces with those of the last; of markers.
+        scene, fit: fitted to all pieces.
+        scores: of markers: training and left-out pieces with the first fit, all pieces with the
+            last.
         reactions: axis by axis, of a recording of forces.
-        failures: pieces that the scene with the fitted numbers could not simulate to their end.
-        pieces: number of pieces. left_out: of them not seen by the first fit.
+        failures: pieces that the fitted scene could not simulate to their end.
+        pieces, left_out: numbers of all pieces, and of those not seen by the first fit.
         recordings, predicted: all pieces and what the first fit predicts of them.
-        seconds: it took.
-        error: estimated error of the predicted places due to the discretisation; None if it was not
-            estimated. advice: what cures one above accuracy.target, one line; else empty.
+        seconds: duration. error: estimated discretisation error of the predicted places, or None.
+        advice: the cure of an error above accuracy.target, one line; else empty.
     """
 
     scene: Scene
@@ -81,7 +80,7 @@ def identify(
 
     Args:
         asked: scene keys that the data and `COMPUTATION` do not override.
-        keys: to fit, all if empty. left_out: share of the pieces. piece: their duration [s].
+        keys: to fit, all if empty. left_out: fraction of the pieces. piece: their duration [s].
         progress, tell: as in `fit`.
 
     Raises:

@@ -25,17 +25,17 @@ MARKERS = (cdr.POSE_ARRAY, cdr.MARKER_ARRAY, cdr.POINT_CLOUD)
 
 
 def read_marker_bag(path: Path, topics: Mapping[str, str]) -> Measurement:
-    """The recording in a bag: PoseArray, MarkerArray or PointCloud2 of the markers in their order
-    from start to end, or a WrenchStamped of the load on the start, and a PoseStamped topic for each
-    end effector.
+    """The recording in a bag: markers in order from start to end (PoseArray, MarkerArray,
+    PointCloud2), or WrenchStamped of the load on the start, and a PoseStamped topic for each end
+    effector.
 
     Args:
         topics: `markers` or `force`, `start`, `end` -> topic; by default the only one of markers,
-            else the only wrench, and the pose topics in whose names `start` and `end` stand, or the
-            only one as start.
+            else the only wrench, and the pose topics with `start` and `end` in their names, or the
+            only one.
 
     Raises:
-        MeasurementError: no bag, or topics that are not there or not the only ones.
+        MeasurementError: no bag, or topics that are missing or not the only ones.
     """
     try:
         bag = Bag(path)
@@ -112,9 +112,7 @@ def _chosen(bag: Bag, topics: Mapping[str, str]) -> dict[str, tuple[str, str]]:
 
 
 def _recording(path: Path, stamped: Mapping[str, list[tuple[int, Array]]]) -> Measurement:
-    """Frames of the markers or forces with the poses interpolated to their stamps, where all are
-    known.
-    """
+    """Frames of the markers or forces, with the poses interpolated to their stamps where known."""
     for name, messages in stamped.items():
         if len(messages) < 3:
             raise MeasurementError(f"{path}: {len(messages)} messages of {name}; record more")

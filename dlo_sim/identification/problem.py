@@ -30,11 +30,10 @@ class Unknown:
 
     Attributes:
         key: of the scene, or DELAY or OFFSET. at: place in its list, or None.
-        log: the fit sees the logarithm.
-        width: how far it is usually off; reach: how far it may go; both of what the fit sees.
-        least: what it may not fall below; of a logarithm its start where the scene has less.
-        most: what it may not exceed.
-        stage: unknowns of a stage join those of the earlier ones once these are fitted.
+        log: the fit uses the logarithm. width, reach: usual and largest change, in units of the
+            fit.
+        least, most: bounds; of a logarithm `least` is its start where the scene has less.
+        stage: unknowns of a stage are added once those of the earlier ones are fitted.
         extra: fitted only where its key is asked for.
     """
 
@@ -132,11 +131,7 @@ def prepared(scene: Scene) -> Scene:
 
 @dataclass(frozen=True)
 class Problem:
-    """A scene with numbers to fit to recordings.
-
-    Attributes:
-        scene: `prepared`.
-    """
+    """A scene, `prepared`, with numbers to fit to recordings."""
 
     scene: Scene
     unknowns: tuple[Unknown, ...]
@@ -157,9 +152,7 @@ class Problem:
         return self.scene.with_values(values), Sensor(tuple(delay), tuple(offset))
 
     def errors(self, points: Sequence[Array], workers: Workers) -> list[Array]:
-        """For each of several vectors the errors of all recordings as `error_of` has them, shape
-        (T, N).
-        """
+        """For each of several vectors the errors of all recordings (`error_of`), shape (T, N)."""
         pairs = [(*self.at(seen), one) for seen in points for one in self.recordings]
         found = list(workers.map(error_of, pairs))
         count = len(self.recordings)
@@ -169,9 +162,7 @@ class Problem:
 
     @property
     def noise(self) -> float:
-        """Of the measurements before the fit, by MARKER or FORCE: that of a force is what the arm's
-        shocks do to a sensor on it.
-        """
+        """Noise of the measurements by MARKER or FORCE; of a force, that of the arm's shocks."""
         return MARKER_NOISE if self.recordings[0].forces is None else FORCE_NOISE
 
     @property
@@ -212,8 +203,8 @@ def compared(recording: Measurement) -> slice:
 
 
 def error_of(item: tuple[Scene, Sensor, Measurement]) -> Array:
-    """Predicted less measured markers by MARKER and forces by FORCE at the frames compared, shape
-    (T, 3 M), with forces (T, 3 M + 3); 0 where one is missing.
+    """Predicted less measured markers by MARKER and forces by FORCE at the compared frames, shape
+    (T, 3 M) or (T, 3 M + 3); 0 where one is missing.
     """
     scene, sensor, recording = item
     found, chosen = predict(scene, recording, sensor), compared(recording)

@@ -35,11 +35,8 @@ def read_recordings(
 ) -> list[Measurement]:
     """The pieces of motion in a file: `.npz` of markers, or a bag.
 
-    Args:
-        topics: of a bag, `markers`, `start` and `end`: by default the only ones of their types.
-
-    Raises:
-        MeasurementError: there is no such file, or it does not hold that.
+    `topics` of a bag: `markers`, `start` and `end`, by default the only ones of their types. Raises
+    MeasurementError if there is no such file, or it does not hold that.
     """
     place = Path(path)
     if not place.exists():
@@ -52,8 +49,8 @@ def read_recordings(
 
 
 def _read_npz(path: Path) -> list[Measurement]:
-    """Markers of several pieces: `pos_um` [1e-6 m] (pieces, F, M, 3), `rate_hz`, `clamped` (the two
-    first and two last markers), `length_m`, `mass_g`.
+    """Markers of several pieces: `pos_um` [1e-6 m] (pieces, F, M, 3), `rate_hz`, `clamped`,
+    `length_m`, `mass_g`.
     """
     given = _arrays(path)
     try:

@@ -37,9 +37,7 @@ def one_line(message: str) -> str:
 
 
 def printable(text: str) -> str:
-    """A text with escapes, as of Python and YAML, for what is no character to be seen: line breaks,
-    control characters, bytes of a file name that are not UTF-8.
-    """
+    """A text with escapes for line breaks, control characters, and bytes that are not UTF-8."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 

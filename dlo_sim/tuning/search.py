@@ -41,10 +41,9 @@ class Tuned:
 
     Attributes:
         best: the fastest trial within the tolerance; None if there was none.
-        error: its largest distance from the reference [m].
-        reference: what it was compared with.
+        error: its largest distance from the reference [m]. reference: what it was compared with.
         present: the scene as it was, timed; its error [m] is infinite if it failed.
-        tried: number of settings that were run. least: smallest error found [m].
+        tried: number of settings that were run. least: smallest error of them [m].
     """
 
     best: Trial | None
@@ -95,8 +94,8 @@ def tune(
 ) -> Tuned:
     """Find the fastest setting whose centerline stays within the tolerance of the converged one.
 
-    The error is the largest distance at any of 21 points of the cable and any time; what the
-    reference itself may be off is taken from the tolerance. Grippers rest where the scene has them.
+    The error is the largest distance at any of 21 points of the cable and any time; the error of
+    the reference is subtracted from the tolerance. Grippers rest where the scene has them.
 
     Args:
         tolerance: [m]. duration: simulated time [s].
@@ -153,10 +152,9 @@ def _method(search: _Search, kind: Setting) -> None:
 
 
 def _without_terms(search: _Search, best: Trial, error: float) -> tuple[Trial, float]:
-    """The best setting with every term switched off that the tolerance can do without and that
-    costs something.
+    """The best setting without the terms that cost time and that the tolerance does not need.
 
-    Only of a scene that holds all of its motion: what grippers and live loads will do is not known.
+    Only for a scene that holds all of its motion, as grippers and live loads are not known.
     """
     scene = search.job.scene
     if _live(scene):
