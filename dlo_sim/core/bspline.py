@@ -51,9 +51,9 @@ def clamped_knots(control_points: int, length: float, grading: Grading = EQUAL) 
     start, end, reach = grading
     if start or end:
         u = np.linspace(0.0, length, RESOLUTION)
-        share = u - start * reach * np.expm1(-u / reach)
-        share += end * reach * (np.exp((u - length) / reach) - np.exp(-length / reach))
-        ends[1:-1] = np.interp(share[-1] / length * ends[1:-1], share, u)
+        knots_up_to = u - start * reach * np.expm1(-u / reach)
+        knots_up_to += end * reach * (np.exp((u - length) / reach) - np.exp(-length / reach))
+        ends[1:-1] = np.interp(knots_up_to[-1] / length * ends[1:-1], knots_up_to, u)
     return np.concatenate((np.zeros(DEGREE), ends, np.full(DEGREE, length)))
 
 

@@ -25,7 +25,7 @@ def colors(
     """Red, green, blue, alpha (n, 4) of values (n,); the range is by default that of the values."""
     low = float(values.min()) if low is None else low
     high = float(values.max()) if high is None else high
-    share = (values - low) / (high - low) if high > low else np.zeros(len(values))
+    fraction = (values - low) / (high - low) if high > low else np.zeros(len(values))
     steps = np.linspace(0.0, 1.0, len(TABLE))
-    rgb = [np.interp(share, steps, channel) for channel in zip(*TABLE, strict=True)]
+    rgb = [np.interp(fraction, steps, channel) for channel in zip(*TABLE, strict=True)]
     return np.stack([*rgb, np.ones(len(values))], axis=-1)

@@ -94,13 +94,13 @@ def _arrays(
             raise NpzRefused(f"{_shown(name)} is compressed in a way that numpy does not write")
         with archive.open(member) as stream:
             _check_header(_shown(name), stream, member.file_size)
-    found = {}
+    arrays = {}
     for name, member in members.items():
         with archive.open(member) as stream:
-            found[name] = np.lib.format.read_array(stream, allow_pickle=False)
-    if sum(array.size for array in found.values()) > _MOST_VALUES:
+            arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
+    if sum(array.size for array in arrays.values()) > _MOST_VALUES:
         raise NpzRefused(f"holds more than {_MOST_VALUES} values")
-    return found
+    return arrays
 
 
 def _check_header(name: str, stream: IO[bytes], size: int) -> None:

@@ -31,8 +31,8 @@ def _each(function: Callable[..., tuple[float, ...]], rows: ArrayLike) -> Array:
     rows = np.asarray(rows, dtype=float)
     if rows.ndim == 1:
         return np.array(function(rows.tolist()))
-    found = [function(row) for row in rows.reshape(-1, rows.shape[-1]).tolist()]
-    return np.array(found).reshape(*rows.shape[:-1], -1)
+    results = [function(row) for row in rows.reshape(-1, rows.shape[-1]).tolist()]
+    return np.array(results).reshape(*rows.shape[:-1], -1)
 
 
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:

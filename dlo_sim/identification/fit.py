@@ -143,9 +143,9 @@ def fit(
             continue
         seen = run.solved(seen, active, EVALUATIONS if before is None else FEW)
     while active.any():
-        found, wide = run.result(seen, active, left)
+        result, wide = run.result(seen, active, left)
         if not wide.any():
-            return found
+            return result
         for k in np.flatnonzero(wide):
             left[problem.unknowns[k].label] = WIDE
             tell(f"{problem.unknowns[k].label} is left at its value: {WIDE}")
@@ -217,7 +217,7 @@ class _Run:
             point[active] = x
             return point
 
-        found = least_squares(
+        solution = least_squares(
             lambda x: self._all([at(x)])[0].ravel(),
             np.clip(seen[active], low + 1e-6 * widths, high - 1e-6 * widths),
             lambda x: self.linear(at(x), active)[1].reshape(-1, len(x)),
@@ -227,13 +227,13 @@ class _Run:
             ftol=GAIN,
             max_nfev=most,
         )
-        return at(found.x)
+        return at(solution.x)
 
     def linear(self, seen: Array, active: Mask) -> tuple[Array, Array]:
         """Errors (T, N) and derivatives (T, N, active) at a point, by forward differences."""
         steps = np.diag([0.01 * one.width for one in self.problem.unknowns])[active]
         here, *there = self._all([seen, *(seen + steps)])
-        columns = [(other - here) / step.sum() for other, step in zip(there, steps, strict=True)]
+        columns = [(moved - here) / step.sum() for moved, step in zip(there, steps, strict=True)]
         return here, np.stack(columns, axis=-1)
 
     def distinct(self, seen: Array, active: Mask, new: Mask) -> tuple[Mask, dict[str, str]]:
@@ -260,10 +260,10 @@ class _Run:
         deviation = NORMAL * np.sqrt(np.maximum(np.diag(spread), 0.0))  # rounding
         numbers = []
         for k, off in zip(np.flatnonzero(active), deviation, strict=True):
-            one, at = self.problem.unknowns[k], seen[k]
-            floor = -np.inf if one.log else one.least
+            unknown, at = self.problem.unknowns[k], seen[k]
+            floor = -np.inf if unknown.log else unknown.least
             numbers.append(
-                Number(one, *(one.value(x) for x in (at, max(at - off, floor), at + off)))
+                Number(unknown, *(unknown.value(x) for x in (at, max(at - off, floor), at + off)))
             )
         known = tuple(number.unknown for number in numbers)
         scene, sensor = replace(self.problem, unknowns=known).at(seen[active])
@@ -288,12 +288,12 @@ class _Run:
         }
         errors = self.problem.errors([*new.values()], self.workers)
         self._known |= dict(zip(new, errors, strict=True))
-        found = [self._known[key] for key in keys]
+        rows = [self._known[key] for key in keys]
         for key in [*self._known][:-KEPT]:
             del self._known[key]
         self.evaluations += len(new)
         self.progress(min(self.evaluations / self._expected, 1.0))
-        return found
+        return rows
 
 
 def _cost(errors: Array) -> float:
@@ -310,7 +310,7 @@ def indistinct(
     places: list[int] = np.flatnonzero(active).tolist()
     widths = np.array([unknowns[k].width for k in places])
     scaled = derivatives.reshape(-1, len(places)) * widths / np.sqrt(TOGETHER)
-    found = []
+    lost = []
     while places:
         _, values, shares = np.linalg.svd(scaled, full_matrices=False)
         if values[-1] >= 1.0:
@@ -323,10 +323,10 @@ def indistinct(
             other = next(unknowns[places[k]].label for k in others if k != worst)
             reason = f"the data do not tell it from {other}"
         if not kept[places[worst]]:
-            found.append((places[worst], reason))
+            lost.append((places[worst], reason))
         del places[worst]
         scaled, widths = np.delete(scaled, worst, axis=1), np.delete(widths, worst)
-    return found
+    return lost
 
 
 def covariance(
@@ -361,8 +361,8 @@ def _long_run(scores: Array, lags: int) -> Array:
     """Sum of the autocovariance of scores (T, U) over the lags, with falling weights."""
     spread = scores.T @ scores
     for lag in range(1, min(lags, len(scores))):
-        both = (1.0 - lag / lags) * scores[lag:].T @ scores[:-lag]
-        spread = spread + both + both.T
+        product = (1.0 - lag / lags) * scores[lag:].T @ scores[:-lag]
+        spread = spread + product + product.T
     return spread
 
 

@@ -130,8 +130,8 @@ def _smoothed(times: Array, path: Array, half_window_ns: int) -> Array:
         a, b, c, d = turn
         waiting.add(Pose(round(1e9 * time), (x, y, z), (a, b, c, d)))
     waiting.settle()
-    found = [waiting.take() for _ in times]
-    return np.array([(*pose.position, *pose.orientation) for pose in found])
+    smoothed = [waiting.take() for _ in times]
+    return np.array([(*pose.position, *pose.orientation) for pose in smoothed])
 
 
 def checked_points(name: str, points: Array) -> Array:

@@ -147,14 +147,14 @@ def position_error(
         recordings = [replace(one, shares=shares) for one in recordings]
         predicted = predicted_of(scene, recordings, workers, sensor)
 
-    def places(found: Sequence[Prediction]) -> Array:
-        return np.concatenate([one.markers.reshape(-1, 1, 3) for one in found])
+    def places(predictions: Sequence[Prediction]) -> Array:
+        return np.concatenate([one.markers.reshape(-1, 1, 3) for one in predictions])
 
     def with_another(finer: Scene) -> Array:
-        found = predicted_of(finer, recordings, workers, sensor)
-        if failure := next((one.failure for one in found if one.failure), ""):
+        predictions = predicted_of(finer, recordings, workers, sensor)
+        if failure := next((one.failure for one in predictions if one.failure), ""):
             raise SceneError(failure)
-        return places(found)
+        return places(predictions)
 
     first = {end: (path[0, :3], path[0, 3:]) for end, path in recordings[0].poses.items()}
     return error_along(Simulator(scene, first), places(predicted), with_another)
@@ -224,8 +224,8 @@ def mean_score(scores: Sequence[Score]) -> Score:
 
 def _l1(recording: Measurement, error: Array) -> float:
     markers = error.shape[1]
-    share = markers / (markers + recording.counted) * len(error) / len(recording.times)
-    return float(np.nanmean(np.abs(error)) * share)
+    fraction = markers / (markers + recording.counted) * len(error) / len(recording.times)
+    return float(np.nanmean(np.abs(error)) * fraction)
 
 
 def _averaged(error: Array, window: int) -> Array:

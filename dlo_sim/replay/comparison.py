@@ -98,19 +98,19 @@ def compare_reaction(
         )
     rows = []
     for k, axis in enumerate("xyz"):
-        found = np.interp(at[inside], times, force[:, k])
-        wanted = measured[inside, k]
-        error = found - wanted
-        lag, lag_correlation, lag_rms = _best_lag(times, force[:, k], at[inside], wanted)
+        predicted = np.interp(at[inside], times, force[:, k])
+        recorded = measured[inside, k]
+        error = predicted - recorded
+        lag, lag_correlation, lag_rms = _best_lag(times, force[:, k], at[inside], recorded)
         rows.append(
             AxisComparison(
                 axis=axis,
                 samples=int(np.count_nonzero(inside)),
-                correlation=_correlation(found, wanted),
+                correlation=_correlation(predicted, recorded),
                 rms_error=_rms(error),
                 bias=float(error.mean()),
-                rms_measured=_rms(wanted),
-                spread_measured=float(wanted.std()),
+                rms_measured=_rms(recorded),
+                spread_measured=float(recorded.std()),
                 lag=lag,
                 lag_correlation=lag_correlation,
                 lag_rms_error=lag_rms,
@@ -135,22 +135,22 @@ def comparison_table(rows_by_end: Mapping[str, Sequence[AxisComparison]]) -> str
     return "\n".join(lines)
 
 
-def _best_lag(times: Array, force: Array, at: Array, wanted: Array) -> tuple[float, float, float]:
+def _best_lag(times: Array, force: Array, at: Array, recorded: Array) -> tuple[float, float, float]:
     """Delay of the prediction with the largest correlation, that correlation, and its rms error."""
     reach = min(LONGEST_LAG, 0.25 * (at[-1] - at[0]))
     inner = (at - reach >= times[0]) & (at + reach <= times[-1])
     if np.count_nonzero(inner) < 3:
         return math.nan, math.nan, math.nan
-    at, wanted = at[inner], wanted[inner]
+    at, recorded = at[inner], recorded[inner]
     count = round(reach / _LAG_STEP)
     best = (math.nan, -math.inf, math.nan)
     for lag in np.arange(-count, count + 1) * _LAG_STEP:
-        found = np.interp(at - lag, times, force)
-        correlation = _correlation(found, wanted)
+        predicted = np.interp(at - lag, times, force)
+        correlation = _correlation(predicted, recorded)
         if math.isnan(correlation):
             return math.nan, math.nan, math.nan
         if correlation > best[1]:
-            best = (float(lag), correlation, _rms(found - wanted))
+            best = (float(lag), correlation, _rms(predicted - recorded))
     return best
 
 

@@ -129,9 +129,9 @@ def replay_bag(
         ValueError: the simulator refuses the scene.
     """
     compare = dict(compare or {})
-    say = progress or (lambda share: None)
+    say = progress or (lambda fraction: None)
     try:
-        source = Bag(bag, lambda share: say(_OPENING * share))
+        source = Bag(bag, lambda fraction: say(_OPENING * fraction))
         wanted = _wanted_topics(source, scene, compare)
         outputs = {resolved(topic): kind for topic, kind in output_topics(scene).items()}
         writer = None if output is None else BagWriter(output, outputs, source.storage)

@@ -198,11 +198,11 @@ class _Mcap:
 
     def _declare(self, kind: int, record: bytes) -> None:
         """Note a schema or a channel."""
-        found: Any = _read(Schema if kind == Opcode.SCHEMA else Channel, record)
+        entry: Any = _read(Schema if kind == Opcode.SCHEMA else Channel, record)
         if kind == Opcode.SCHEMA:
-            self._schemas[found.id] = found.name
+            self._schemas[entry.id] = entry.name
         elif kind == Opcode.CHANNEL:
-            self._channels[found.id] = (found.topic, self._schemas.get(found.schema_id, ""))
+            self._channels[entry.id] = (entry.topic, self._schemas.get(entry.schema_id, ""))
 
     def _chunk(self, record: bytes) -> Iterator[Record]:
         """Messages in a chunk, as far as it goes."""
@@ -295,11 +295,11 @@ def read_metadata(folder: Path) -> Metadata:
     """The metadata of a bag; raises DamagedFile if they are missing or invalid."""
     try:
         document = parse_yaml(read_text(folder / _METADATA), most_values=_MOST_VALUES)
-        found: Any = cast(Mapping[str, Any], document)["rosbag2_bagfile_information"]
-        version, count = int(found["version"]), int(found["message_count"])
-        files = tuple(Path(str(name)).name for name in found["relative_file_paths"])
-        mode = str(found.get("compression_mode") or "none").lower()
-        packing = found.get("compression_format") if mode != "none" else "zstd"
+        information: Any = cast(Mapping[str, Any], document)["rosbag2_bagfile_information"]
+        version, count = int(information["version"]), int(information["message_count"])
+        files = tuple(Path(str(name)).name for name in information["relative_file_paths"])
+        mode = str(information.get("compression_mode") or "none").lower()
+        packing = information.get("compression_format") if mode != "none" else "zstd"
     except FileRefused as error:
         raise DamagedFile(f"{_METADATA} {error.problem}") from None
     except (KeyError, TypeError, ValueError, AttributeError) as error:

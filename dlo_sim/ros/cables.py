@@ -129,12 +129,12 @@ class ManagedCableNode(LifecycleNodeMixin, CableNode):
         self.add_on_set_parameters_callback(self._note)
 
     def _note(self, changes: list[NodeParameter]) -> SetParametersResult:
-        given = {c.name: c.value for c in changes if c.type_ is not NodeParameter.Type.NOT_SET}
+        changed = {c.name: c.value for c in changes if c.type_ is not NodeParameter.Type.NOT_SET}
         try:
-            merged = overridden(self.overrides, given)
+            merged = overridden(self.overrides, changed)
         except SceneError as refusal:
             return SetParametersResult(successful=False, reason=str(refusal))
-        deleted = {change.name for change in changes} - given.keys()
+        deleted = {change.name for change in changes} - changed.keys()
         self.overrides = {name: merged[name] for name in merged if name not in deleted}
         return SetParametersResult(successful=True)
 
@@ -203,8 +203,8 @@ def cables(given: NodeArguments) -> dict[str, Makers]:
         values = {k: [] if v is None else v for k, v in asked.overrides.items()}
     finally:
         asked.destroy_node()
-    found = check_value(_CABLES, values.get(_CABLES.key, []))
-    names = [str(name) for name in found]  # type: ignore[union-attr]
+    listed = check_value(_CABLES, values.get(_CABLES.key, []))
+    names = [str(name) for name in listed]  # type: ignore[union-attr]
     first_words = {row.key.split(".")[0] for row in scene_parameters()}
     check_names(_CABLES.key, names, sorted(first_words))
     if not names:
@@ -239,8 +239,8 @@ def _made(
     prefix = f"{name}."
     own = {k.removeprefix(prefix): v for k, v in values.items() if k.startswith(prefix)}
     scene = check_value(_SCENE, own.pop(_SCENE.key, ""))
-    found = scene_file_values(str(scene)) if scene else {}
-    merged = overridden(found, {**shared, **own})
+    scene_values = scene_file_values(str(scene)) if scene else {}
+    merged = overridden(scene_values, {**shared, **own})
     if not scene and all(map(is_node_key, merged)):
         raise SceneError(
             f"{prefix}{_SCENE.key}: is not given; name a shipped scene or a scene file, or say what"

@@ -168,15 +168,15 @@ class Forecaster:
     def answers(self) -> Iterator[OutgoingMessage]:
         """Messages about plans that have been forecast since the last call."""
         while not self._answers.empty():
-            found = self._answers.get_nowait()
-            if found.refused is not None:
-                self.record.refuse(*found.refused)
+            result = self._answers.get_nowait()
+            if result.refused is not None:
+                self.record.refuse(*result.refused)
                 continue
             self.record.accepted += 1
-            self._last = found
+            self._last = result
             self._answered += 1
-            self._failed += bool(found.problem)
-            yield from found.messages
+            self._failed += bool(result.problem)
+            yield from result.messages
 
     def statuses(self, now_ns: int) -> list[DiagnosticStatus]:
         """For the diagnostics at this time of the clock [ns]."""
@@ -214,10 +214,10 @@ def _work(connection: Connection, example: bytes) -> None:
     """Send None when ready, then answer requests until the other side is closed."""
     simulator: Simulator = pickle.loads(example)
     simulator.forecast(Plan([0.0, simulator.step], {}), simulator.step)  # loads machine code
-    found: Answer | None = None
+    result: Answer | None = None
     while True:
         try:
-            connection.send(found)
-            found = answer(connection.recv())
+            connection.send(result)
+            result = answer(connection.recv())
         except (EOFError, OSError):
             return

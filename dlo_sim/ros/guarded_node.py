@@ -48,9 +48,9 @@ class GuardedNode(Node):
         self.overrides: dict[str, Any] = {}
         self._noted = False
         options |= {"automatically_declare_parameters_from_overrides": True}
-        given = overrides or {}
+        values = overrides or {}
         try:
-            for_rclpy = [Parameter(k, value=given[k]) for k in given if is_node_key(k)]
+            for_rclpy = [Parameter(k, value=values[k]) for k in values if is_node_key(k)]
             super().__init__(name, parameter_overrides=for_rclpy, **options)
         except (RuntimeError, ParameterException, TypeError, ValueError) as error:
             raise SceneError(f"ROS refuses the node: {one_line(error)}; correct it") from None

@@ -189,8 +189,8 @@ class InputSources:
     def problems(self) -> list[str]:
         """One line for each thing that is wrong."""
         lines = [
-            f"{node} publishes {other} on {self.topic}, the input takes {self.type}; publish that"
-            for node, other in self.mismatched
+            f"{node} publishes {kind} on {self.topic}, the input takes {self.type}; publish that"
+            for node, kind in self.mismatched
         ]
         if self.count > 1:
             lines.append(f"{self.count} publishers on {self.topic}; keep one: they mix")

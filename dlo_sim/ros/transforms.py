@@ -59,16 +59,16 @@ class _Listener:
         # Time 0 is the newest for tf2, and no stamp.
         at = Time() if stamp_ns is None else Time(nanoseconds=max(stamp_ns, 1))
         try:
-            found = self._buffer.lookup_transform(self._world, frame, at)
+            stamped = self._buffer.lookup_transform(self._world, frame, at)
         except self._problem as problem:
             reason = one_line(problem).rstrip(".")
             cure = f"publish where it is in {self._world}, or raise inputs.latency"
             raise Refused("no_transform", f"frame_id '{frame}': {reason}; {cure}") from None
-        p, q = found.transform.translation, found.transform.rotation
+        p, q = stamped.transform.translation, stamped.transform.rotation
         values = (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
         if not math.isfinite(sum(values)):
             raise Refused("no_transform", f"frame_id '{frame}': its transform is not finite")
-        stamp = found.header.stamp
+        stamp = stamped.header.stamp
         stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
         return Transform(stamp_ns, values[:3], normalized(values[3:]))
 

@@ -182,12 +182,12 @@ class Scene:
         """Whether the error of a prediction is estimated, as long as there is time for it. With
         `auto` not where measured points correct the prediction: they do not correct finer runs.
         """
-        wanted = self.accuracy.estimate
-        return wanted == "on" or (wanted == "auto" and self.measured.type == "none")
+        estimate = self.accuracy.estimate
+        return estimate == "on" or (estimate == "auto" and self.measured.type == "none")
 
-    def friction_of(self, one: Obstacle | Grasp) -> float:
+    def friction_of(self, touched: Obstacle | Grasp) -> float:
         """Coefficient of friction of the cable on an obstacle, or in a grasp that slides."""
-        return self.contact.friction if one.friction < 0.0 else one.friction
+        return self.contact.friction if touched.friction < 0.0 else touched.friction
 
     @property
     def rubbing(self) -> Names:
@@ -290,9 +290,9 @@ class Scene:
     @property
     def followed_frames(self) -> dict[str, str]:
         """Key -> frame of tf2 that an end effector or an obstacle follows."""
-        found = {f"{key}.tf_frame": holder.tf_frame for key, holder in self.holder_keys()}
-        found |= {f"obstacles.{one.name}.frame": one.frame for one in self.obstacles}
-        return {key: frame for key, frame in found.items() if frame}
+        frames = {f"{key}.tf_frame": holder.tf_frame for key, holder in self.holder_keys()}
+        frames |= {f"obstacles.{one.name}.frame": one.frame for one in self.obstacles}
+        return {key: frame for key, frame in frames.items() if frame}
 
     def with_values(self, values: Mapping[str, object]) -> "Scene":
         """A copy with these parameters changed, all checked together: `{"cable.length": 2.0}`.
@@ -358,11 +358,11 @@ def scene_from_values(values: Mapping[str, object]) -> Scene:
     Raises SceneError for an unknown key, a wrong type, a value out of range, or an inconsistent
     scene.
     """
-    given = without_retired(mapping("values", values))
-    names = [_names(group, given) for group in NAMED]
+    accepted = without_retired(mapping("values", values))
+    names = [_names(group, accepted) for group in NAMED]
     known = {row.key: row for row in scene_parameters(*names)}
     checked: dict[str, Any] = {}
-    for key, value in given.items():
+    for key, value in accepted.items():
         if not isinstance(key, str):
             raise SceneError(f"{brief(key)}: a key must be a string; give one like 'cable.length'")
         if key in known:
@@ -511,9 +511,9 @@ def _load_frames(scene: Scene) -> Conflicts:
         if load.frame and load.frame not in known and not scene.inputs.tf:
             cure = "give one of them, or name that of the end effector in start.frame or end.frame"
             yield key, load.frame, f"is no frame here ({', '.join(known)}); {cure}"
-        other = first.setdefault(load.input_topic, load)
-        if load.frame != other.frame:
-            what = f"differs from loads.{other.name}.frame {shown(other.frame)} of the same topic"
+        peer = first.setdefault(load.input_topic, load)
+        if load.frame != peer.frame:
+            what = f"differs from loads.{peer.name}.frame {shown(peer.frame)} of the same topic"
             yield key, load.frame, f"{what}; give both the same"
 
 

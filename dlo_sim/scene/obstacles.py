@@ -143,9 +143,9 @@ class Obstacle:
         if self.shape == "sphere":
             return away != 0.0
         rounding = {"capsule": self.size[0], "channel": self.size[1]}.get(self.shape, 0.0)
-        for extent, one in zip(self.size, self.axes, strict=True):
-            if abs(one[axis]) == 1.0:
-                prism = self.shape == "box" or (one == self.axes[2] and self.shape != "ring")
+        for extent, direction in zip(self.size, self.axes, strict=True):
+            if abs(direction[axis]) == 1.0:
+                prism = self.shape == "box" or (direction == self.axes[2] and self.shape != "ring")
                 return away > (0.5 * (extent - rounding) if prism else 0.0)
         return True
 

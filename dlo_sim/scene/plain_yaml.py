@@ -79,8 +79,8 @@ def parse_yaml(
         return yaml.load(text)
     except DuplicateKeyError as error:
         where = f"line {error.problem_mark.line + 1}" if error.problem_mark else "the file"
-        found = re.search(r'duplicate key "?(.*?)"? with', str(error.problem))
-        key = f" {found.group(1)}" if found else ""
+        duplicate = re.search(r'duplicate key "?(.*?)"? with', str(error.problem))
+        key = f" {duplicate.group(1)}" if duplicate else ""
         raise FileRefused(f"{where}: key{key} is there twice", "keep one of them") from None
     except MarkedYAMLError as error:
         where = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""

@@ -59,5 +59,5 @@ def shown(value: object) -> str:
 
 def nearest(key: str, known: Iterable[str]) -> str:
     """`; did you mean ...?` with the closest known key, or empty when none is close."""
-    found = difflib.get_close_matches(key, list(known), n=1, cutoff=0.6)
-    return f"; did you mean {found[0]}?" if found else ""
+    close = difflib.get_close_matches(key, list(known), n=1, cutoff=0.6)
+    return f"; did you mean {close[0]}?" if close else ""

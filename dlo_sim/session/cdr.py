@@ -200,7 +200,7 @@ def _decode_markers(raw: Bytes, most: int) -> Stamped:
     count = int.from_bytes(raw[4:8], "little" if raw[1:2] == b"\1" else "big")
     if count > most or len(raw) > _MOST_BYTES:
         raise TooMany(f"{count} markers in {len(raw)} bytes, {most} at most are used")
-    found: list[tuple[int, Marker]] = []
+    markers: list[tuple[int, Marker]] = []
     end = 8
     for _ in range(count):
         m, points, end = _load_marker(raw, end)
@@ -209,11 +209,11 @@ def _decode_markers(raw: Bytes, most: int) -> Stamped:
         lifetime_ns = m.lifetime.sec * _NANO + m.lifetime.nanosec
         name, scale = f"{m.ns}/{m.id}", _vector_of(m.scale)
         marker = Marker(frame_id, name, m.type, m.action, pose, scale, lifetime_ns, points)
-        found.append((stamp_ns, marker))
-    if not found:
+        markers.append((stamp_ns, marker))
+    if not markers:
         raise DecodeError("the array holds no markers")
     _check_end(MARKER_ARRAY, raw, end)
-    return Stamped(found[0][0], found[0][1].frame_id, tuple(marker for _, marker in found))
+    return Stamped(markers[0][0], markers[0][1].frame_id, tuple(marker for _, marker in markers))
 
 
 def _load_marker(raw: Bytes, begin: int) -> tuple[Any, Array, int]:
@@ -271,9 +271,9 @@ def decode_points(kind: str, raw: Bytes, *, keep_missing: bool = True) -> Table:
         DecodeError: as `decode`, or it holds no points. TooMany: more than `MOST_POINTS`.
     """
     if kind == POSE_ARRAY:
-        found = decode_pose_array(raw, MOST_POINTS)
-        kept = keep_missing | ~np.isnan(found.rows[:, :3]).any(axis=1)
-        return found._replace(rows=found.rows[kept, :3])
+        table = decode_pose_array(raw, MOST_POINTS)
+        kept = keep_missing | ~np.isnan(table.rows[:, :3]).any(axis=1)
+        return table._replace(rows=table.rows[kept, :3])
     if kind == POINT_CLOUD:
         cloud = read(kind, raw)
         return Table(*head(cloud.header), _points_of_cloud(cloud, keep_missing))
@@ -411,7 +411,7 @@ def encode_diagnostic_array(
     session`.
     """
     pair = STORE.types["diagnostic_msgs/msg/KeyValue"]
-    found = [
+    made = [
         new(
             "diagnostic_msgs/msg/DiagnosticStatus",
             level=status.level,
@@ -422,7 +422,7 @@ def encode_diagnostic_array(
         )
         for status in statuses
     ]
-    return write(DIAGNOSTIC_ARRAY, STORE.types[DIAGNOSTIC_ARRAY](_new_header("", stamp_ns), found))
+    return write(DIAGNOSTIC_ARRAY, STORE.types[DIAGNOSTIC_ARRAY](_new_header("", stamp_ns), made))
 
 
 def encode_point_cloud(stamp_ns: int, frame_id: str, fields: Sequence[str], rows: Array) -> bytes:
@@ -483,11 +483,11 @@ class _Template:
         """The message with these numbers in the order of their places, and colours (count, 4) if
         every point of a line has its own.
         """
-        for (values, places), given in (
+        for (values, places), replacement in (
             (self._stamps, (stamp_ns // _NANO % 2**32, stamp_ns % _NANO)),
             (self._numbers, np.asarray(numbers).ravel()),
         ):
-            values[places] = given
+            values[places] = replacement
         if shades is not None:
             values, places = self._shades
             values[places] = shades.ravel()

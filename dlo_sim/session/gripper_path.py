@@ -175,7 +175,7 @@ class SmoothedPoses(Waiting[Pose]):
 
     def _near(self, pose: Pose, others: Iterable[Pose]) -> list[Pose]:
         """Those of the others, which follow each other away from the pose, in its window."""
-        found: list[Pose] = []
+        near: list[Pose] = []
         last_ns = pose.stamp_ns
         for other in others:
             if (
@@ -184,8 +184,8 @@ class SmoothedPoses(Waiting[Pose]):
             ):
                 break
             last_ns = other.stamp_ns
-            found.append(other)
-        return found
+            near.append(other)
+        return near
 
 
 def _fitted(pose: Pose, window: list[Pose], half_window_ns: int) -> Pose:
@@ -194,19 +194,19 @@ def _fitted(pose: Pose, window: list[Pose], half_window_ns: int) -> Pose:
         return pose
     # Slightly wider, so that the weights of poses at the very ends are not zero.
     scale = 1.0 / (1.001 * half_window_ns)
-    share = weights_of_the_value_at_zero([(p.stamp_ns - pose.stamp_ns) * scale for p in window])
-    position = _weighted(share, [p.position for p in window])
+    weights = weights_of_the_value_at_zero([(p.stamp_ns - pose.stamp_ns) * scale for p in window])
+    position = _weighted(weights, [p.position for p in window])
     middle = pose.orientation
     if all(p.orientation == middle for p in window):
         return Pose(pose.stamp_ns, position, middle)
-    turn = _weighted(share, [turn_between(middle, p.orientation) for p in window])
+    turn = _weighted(weights, [turn_between(middle, p.orientation) for p in window])
     return Pose(pose.stamp_ns, position, turned(middle, turn))
 
 
-def _weighted(share: list[float], vectors: list[Vector]) -> Vector:
+def _weighted(weights: list[float], vectors: list[Vector]) -> Vector:
     """Weighted sum of vectors."""
     x, y, z = zip(*vectors, strict=True)
-    return sum(map(mul, share, x)), sum(map(mul, share, y)), sum(map(mul, share, z))
+    return sum(map(mul, weights, x)), sum(map(mul, weights, y)), sum(map(mul, weights, z))
 
 
 def weights_of_the_value_at_zero(times: list[float]) -> list[float]:

@@ -356,9 +356,9 @@ class Intake:
         """Take the newest pose of every tf2 frame that drives an end effector or an obstacle,
         unless it was taken before, as a message that arrives at this clock time [ns].
         """
-        found: list[Accepted] = []
+        accepted: list[Accepted] = []
         if self._transforms is None:
-            return found
+            return accepted
         for frame, last_ns in self._sampled.items():
             try:
                 stamp_ns, position, orientation = self._transforms.lookup(frame, None)
@@ -370,17 +370,17 @@ class Intake:
             topic = self._topics[frame]
             topic.record.last_arrival_ns = clock_ns
             topic.waiting.append((Stamped(stamp_ns, "", (*position, *orientation)), clock_ns))
-            found += self._look_up(topic, clock_ns, patience_ns)
-        return found
+            accepted += self._look_up(topic, clock_ns, patience_ns)
+        return accepted
 
     def due(self, clock_ns: int, patience_ns: int) -> list[Accepted]:
         """Messages that have waited and are to be used at this clock time [ns]."""
-        found: list[Accepted] = []
+        accepted: list[Accepted] = []
         for topic in self._topics.values():
-            found += self._look_up(topic, clock_ns, patience_ns)
+            accepted += self._look_up(topic, clock_ns, patience_ns)
             if topic.source.pending or topic.source.undated:
-                found += self._follow(topic, self.time_base.due(topic.source, clock_ns))
-        return found
+                accepted += self._follow(topic, self.time_base.due(topic.source, clock_ns))
+        return accepted
 
     def refuse_waiting(self) -> None:
         """Refuse the messages whose stamps still wait for confirmation, as no more will arrive."""
@@ -389,7 +389,7 @@ class Intake:
 
     def _look_up(self, topic: _Topic, clock_ns: int, patience_ns: int) -> list[Accepted]:
         """Process the messages of a topic in order, up to one whose transform may still arrive."""
-        found: list[Accepted] = []
+        accepted: list[Accepted] = []
         while topic.waiting:
             message, arrival_ns = topic.waiting[0]
             if not message.frame_id and topic.kind in ("wrench", "force"):
@@ -408,9 +408,9 @@ class Intake:
                 topic.record.refuse(refused.reason, refused.detail)
             else:
                 decisions = self.time_base.sort(topic.source, message, arrival_ns)
-                found += self._follow(topic, decisions)
+                accepted += self._follow(topic, decisions)
             topic.waiting.popleft()
-        return found
+        return accepted
 
     def _changes(self, topic: _Topic, message: Stamped, arrival_ns: int) -> Stamped:
         """The changes of obstacles by the markers of a message, in the world frame.
@@ -475,17 +475,17 @@ class Intake:
 
     def _follow(self, topic: _Topic, decisions: Iterable[Decision]) -> list[Accepted]:
         """Use or refuse messages as the time base decides."""
-        found = []
+        accepted = []
         passed = [queue.passed_ns for queue in topic.queues]
         topic.source.passed_ns = max((ns for ns in passed if ns is not None), default=None)
         for decision in decisions:
             try:
-                found.append(self._use(topic, decision))
+                accepted.append(self._use(topic, decision))
             except Copy:
                 topic.record.copies += 1
             except Refused as refused:
                 topic.record.refuse(refused.reason, refused.detail)
-        return found
+        return accepted
 
     def _use(self, topic: _Topic, decision: Decision) -> Accepted:
         """Convert and count a message that the time base accepts.

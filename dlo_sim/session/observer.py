@@ -118,15 +118,15 @@ class Observer(Waiting[Points]):
 
     def _begin(self, simulator: Simulator) -> None:
         """Start with a new filter for this simulator."""
-        knots, given = simulator.model.knots, self.measured
+        knots, measured = simulator.model.knots, self.measured
         length = simulator.scene.cable.length
         n = simulator.model.n
         u = np.linspace(0.0, length, _PLACES)
         self._basis = bspline.evaluate(np.eye(n), knots, u)
         held = [point.values(n) for point in simulator.model.holding.rigid_points]
         self._filter = ErrorFilter(
-            *(simulator.greville, np.reshape(held, (-1, n)), given.error),
-            *(given.alike_along * length, given.alike_for, given.noise),
+            *(simulator.greville, np.reshape(held, (-1, n)), measured.error),
+            *(measured.alike_along * length, measured.alike_for, measured.noise),
         )
         self._simulator, self._time = simulator, simulator.time
         self._lacking = np.zeros((n, 3))

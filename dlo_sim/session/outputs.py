@@ -128,7 +128,7 @@ class Outputs:
         """The messages of this state with a stamp (clock time [ns]); only the wanted topics are
         computed.
         """
-        found: list[OutgoingMessage] = []
+        messages: list[OutgoingMessage] = []
         for topic, message_type, encode in self._topics:
             if topic not in wanted:
                 continue
@@ -136,8 +136,8 @@ class Outputs:
             if data is None:
                 self.not_finite += 1
             else:
-                found.append(OutgoingMessage(topic, message_type, stamp_ns, data))
-        return found
+                messages.append(OutgoingMessage(topic, message_type, stamp_ns, data))
+        return messages
 
     # Each encoder returns None if a number is not finite.
 
@@ -242,8 +242,8 @@ def _sag(pieces: Array, joints: Array) -> Array:
     ways = np.diff(joints, axis=0)[:, None]
     from_joint = pieces - joints[:-1, None]
     squares = np.maximum(np.sum(ways * ways, axis=-1), np.finfo(float).tiny)
-    share = np.clip(np.sum(from_joint * ways, axis=-1) / squares, 0.0, 1.0)
-    apart = np.linalg.norm(from_joint - share[..., None] * ways, axis=-1)
+    fraction = np.clip(np.sum(from_joint * ways, axis=-1) / squares, 0.0, 1.0)
+    apart = np.linalg.norm(from_joint - fraction[..., None] * ways, axis=-1)
     return np.asarray(apart.max(axis=1))
 
 

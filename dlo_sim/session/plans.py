@@ -123,26 +123,26 @@ def answer(asked: Request) -> Answer:
         return Answer(refused=(refused.reason, refused.detail))
     end = float(np.max(plan.times))
     try:
-        found = asked.simulator.forecast(plan, min(scene.forecast.every, end))
+        forecast = asked.simulator.forecast(plan, min(scene.forecast.every, end))
     except (TypeError, ValueError) as refusal:
         return Answer(problem=str(refusal))
-    if not len(found.times):
-        return Answer(problem=found.report.message)
-    cloud = _cloud(scene, found, stamp_ns, ahead)
-    ghosts = _ghosts(scene, found, stamp_ns, end - ahead)
+    if not len(forecast.times):
+        return Answer(problem=forecast.report.message)
+    cloud = _cloud(scene, forecast, stamp_ns, ahead)
+    ghosts = _ghosts(scene, forecast, stamp_ns, end - ahead)
     messages = (
         OutgoingMessage(FORECAST, cdr.POINT_CLOUD, stamp_ns, cloud),
         OutgoingMessage(GHOSTS, cdr.MARKER, stamp_ns, ghosts),
     )
-    peak = found.peak_tension
+    peak = forecast.peak_tension
     values = (
         ("peak tension [N]", "unknown" if peak is None else f"{peak:.4g}"),
-        ("largest curvature [1/m]", f"{found.largest_curvature:.4g}"),
-        *contact_values(found.contact),
-        ("warnings", "; ".join(found.warnings)),
+        ("largest curvature [1/m]", f"{forecast.largest_curvature:.4g}"),
+        *contact_values(forecast.contact),
+        ("warnings", "; ".join(forecast.warnings)),
         ("forecast time [ms]", f"{1e3 * (time.perf_counter() - began):.1f}"),
     )
-    return Answer(messages, values, found.report.message)
+    return Answer(messages, values, forecast.report.message)
 
 
 def contact_values(contact: Mapping[str, float]) -> Iterator[tuple[str, str]]:
@@ -286,24 +286,24 @@ def _bad_plan(detail: str) -> Refused:
     return Refused("bad_plan", f"the plan {detail}")
 
 
-def _cloud(scene: Scene, found: Forecast, stamp_ns: int, ahead: float) -> bytes:
+def _cloud(scene: Scene, forecast: Forecast, stamp_ns: int, ahead: float) -> bytes:
     """A cloud of the points of all shapes; its field t counts from the plan's stamp [s]."""
-    fields = ["x", "y", "z", "u", "t"] + ["tension"] * (found.tension is not None)
-    shapes, points, _ = found.centerline.shape
+    fields = ["x", "y", "z", "u", "t"] + ["tension"] * (forecast.tension is not None)
+    shapes, points, _ = forecast.centerline.shape
     rows = np.empty((shapes, points, len(fields)))
-    rows[..., :3], rows[..., 3] = found.centerline, found.u
-    rows[..., 4] = (found.times - ahead)[:, None]
-    if found.tension is not None:
-        rows[..., 5] = found.tension
+    rows[..., :3], rows[..., 3] = forecast.centerline, forecast.u
+    rows[..., 4] = (forecast.times - ahead)[:, None]
+    if forecast.tension is not None:
+        rows[..., 5] = forecast.tension
     return cdr.encode_point_cloud(stamp_ns, scene.frame_id, fields, rows.reshape(-1, len(fields)))
 
 
-def _ghosts(scene: Scene, found: Forecast, stamp_ns: int, lifetime: float) -> bytes:
+def _ghosts(scene: Scene, forecast: Forecast, stamp_ns: int, lifetime: float) -> bytes:
     """Lines of a few shapes including the last one, displayed for `lifetime` [s]."""
-    count = len(found.times)
+    count = len(forecast.times)
     chosen = np.unique(np.linspace(count - 1, -1, scene.forecast.ghosts, endpoint=False).round())
     # A list of lines: each point inside a shape ends one and begins the next.
-    lines = np.repeat(found.centerline[chosen.astype(int)], 2, axis=1)[:, 1:-1].reshape(-1, 3)
+    lines = np.repeat(forecast.centerline[chosen.astype(int)], 2, axis=1)[:, 1:-1].reshape(-1, 3)
     ghosts = cdr.LineEncoder(
         *(scene.frame_id, "forecast", len(lines), scene.cable.diameter, _GHOST_COLOR),
         round(max(lifetime, 0.1) * SECOND),

@@ -188,11 +188,11 @@ class StateKeeper:
             raise SceneError(
                 f"state.save_to: {self._path} is the file of another cable; give each its own"
             )
-        found = load_state(self._path, scene)
+        loaded = load_state(self._path, scene)
         _in_use.add(self._path)
-        if found is None:
+        if loaded is None:
             return None
-        saved, age = found
+        saved, age = loaded
         self._log.info(f"goes on from the state saved {age:.1f} s ago in {self._path}")
         return saved
 

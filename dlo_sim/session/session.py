@@ -170,8 +170,8 @@ class Session:
         """
         self._watch_clock(arrival_ns, tick=False)
         before = self._time.offset_ns
-        found = self._intake.accept(topic, raw, arrival_ns, self._latency.ns)
-        self._use(found, before, arrival_ns)
+        accepted = self._intake.accept(topic, raw, arrival_ns, self._latency.ns)
+        self._use(accepted, before, arrival_ns)
 
     def until_tick(self, now_ns: int) -> int:
         """Time [ns] from this clock time to the next regular tick, just after a state has become
@@ -186,8 +186,8 @@ class Session:
         self._watch_clock(now_ns, tick=True)
         before = self._time.offset_ns
         lag_ns = self._latency.ns
-        found = self._intake.sample(now_ns, lag_ns) + self._intake.due(now_ns, lag_ns)
-        self._use(found, before, now_ns)
+        accepted = self._intake.sample(now_ns, lag_ns) + self._intake.due(now_ns, lag_ns)
+        self._use(accepted, before, now_ns)
         self._latency.update()
         count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
         due = count != self._marker_count and Shed.MARKERS not in self._pacing.shed
@@ -236,20 +236,20 @@ class Session:
         for topic in self._outputs.topics if wanted is None else wanted:
             if markers if topic in MARKERS else fresh:
                 due.add(topic)
-        found = self._outputs.messages(self._drive.simulator, self.stamp_ns, due)
+        messages = self._outputs.messages(self._drive.simulator, self.stamp_ns, due)
         if self._outputs.not_finite:
             self._outputs.not_finite = 0
             self.journal.event("not_published", "an output was not finite and was not published")
-        return found
+        return messages
 
     def diagnostics(self, now_ns: int) -> bytes:
         """A serialised DiagnosticArray at this clock time [ns]: the session, and each input."""
         topics = [topic_status(record, now_ns) for record in self.journal.topics.values()]
-        found = cdr.encode_diagnostic_array(
+        message = cdr.encode_diagnostic_array(
             now_ns, self._naming.node, [self._state(now_ns), *topics]
         )
         self._pacing.longest_lag_ns = self._pacing.lag_ns
-        return found
+        return message
 
     def reset(self, jump: str = "") -> None:
         """Start over: place the cable at the next poses, without the loads received so far.
@@ -514,19 +514,19 @@ def _tension_values(simulator: Simulator) -> Iterator[tuple[str, str]]:
         yield f"{name} tensions [N]", f"{one.before:.6g}, {one.after:.6g}"
 
 
-def _contact_values(simulator: Simulator, found: Collection[Contact]) -> list[tuple[str, str]]:
+def _contact_values(simulator: Simulator, contacts: Collection[Contact]) -> list[tuple[str, str]]:
     """Forces and clearances of obstacles and of the cable with itself, or only the latter's
     clearance.
     """
     to_itself = [("clearance to itself [m]", f"{simulator.clearance_to_itself:.6g}")]
-    if not found:
+    if not contacts:
         return to_itself
-    forces = [one.exerted for one in found]
+    forces = [one.exerted for one in contacts]
     return to_itself + [
         ("contact force [N]", f"{sum(forces):.6g}"),
         ("largest contact force [N]", f"{max(forces):.6g}"),
-        ("largest contact pressure [N/m]", f"{max(one.pressure for one in found):.6g}"),
-        ("clearance [m]", f"{min(one.clearance for one in found):.6g}"),
+        ("largest contact pressure [N/m]", f"{max(one.pressure for one in contacts):.6g}"),
+        ("clearance [m]", f"{min(one.clearance for one in contacts):.6g}"),
     ]
 
 

@@ -89,20 +89,20 @@ class InputTopic(NamedTuple):
 
 def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
     """The input topics of a scene, poses first; several targets may share a topic."""
-    found = [
+    topics = [
         InputTopic(e.pose_topic, e.pose_type, name)
         for name, e in scene.holders.items()
         if e.pose_topic
     ]
     bodies = [x for x in scene.obstacles if x.pose_topic and x.name in scene.moved]
-    found += [InputTopic(x.pose_topic, "pose", x.name) for x in bodies]
-    found += [InputTopic(x.input_topic, x.type, x.name) for x in scene.loads if x.input_topic]
-    found += [InputTopic(g.taken_topic, "taken", g.name) for g in scene.grasps if g.taken_topic]
+    topics += [InputTopic(x.pose_topic, "pose", x.name) for x in bodies]
+    topics += [InputTopic(x.input_topic, x.type, x.name) for x in scene.loads if x.input_topic]
+    topics += [InputTopic(g.taken_topic, "taken", g.name) for g in scene.grasps if g.taken_topic]
     if scene.measured.type != "none":
-        found.append(InputTopic(MEASURED, scene.measured.type, ""))
+        topics.append(InputTopic(MEASURED, scene.measured.type, ""))
     if scene.contact.markers:
-        found.append(InputTopic(OBSTACLES, "markers", ""))
-    return tuple(found)
+        topics.append(InputTopic(OBSTACLES, "markers", ""))
+    return tuple(topics)
 
 
 def tf_inputs(scene: Scene) -> tuple[InputTopic, ...]:
@@ -137,18 +137,18 @@ class Naming(NamedTuple):
 
         Raises SceneError if two topics of different types have one resolved name.
         """
-        found = input_topics(scene)
+        entries = input_topics(scene)
         seen: dict[str, tuple[str, str]] = {}
-        given = [(entry.topic, entry.type) for entry in found]
-        for topic, kind in (*given, *possible_outputs(scene).items()):
+        listed = [(entry.topic, entry.type) for entry in entries]
+        for topic, kind in (*listed, *possible_outputs(scene).items()):
             name = self.topic(topic)
-            other, other_kind = seen.setdefault(name, (topic, kind))
+            first_topic, other_kind = seen.setdefault(name, (topic, kind))
             if kind != other_kind:
                 raise SceneError(
-                    f"{name}: stands for {other} ({other_kind}) and for {topic} ({kind}); "
+                    f"{name}: stands for {first_topic} ({other_kind}) and for {topic} ({kind}); "
                     "give one of them another name"
                 )
-        return tuple(entry._replace(topic=self.topic(entry.topic)) for entry in found)
+        return tuple(entry._replace(topic=self.topic(entry.topic)) for entry in entries)
 
 
 DEFAULT_NAMING = Naming()

@@ -133,20 +133,20 @@ def _method(search: _Search, kind: Setting) -> None:
     for n_u in RESOLUTIONS:
         if n_u >= search.reference.setting.control_points:
             return
-        found, first = False, float("inf")
+        succeeded, first = False, float("inf")
         last = float("inf")
         coarse = replace(kind, control_points=n_u)
         for step in _steps(search, coarse):
             trial, off = search.run(replace(coarse, step=step))
             first = min(first, trial.first)
             if off <= search.allowed:
-                found = True
+                succeeded = True
                 break
             if trial.first > HOPELESS * search.fastest or off > STUCK * last:
                 break
             last = off
         # One resolution more may allow a longer step.
-        beyond += found
+        beyond += succeeded
         if beyond >= 2 or (np.isfinite(first) and first > HOPELESS * search.fastest):
             return
 
@@ -193,4 +193,4 @@ def _steps(search: _Search, setting: Setting) -> list[float]:
     except SceneError:
         return []
     # Whole nanoseconds: message stamps have no finer unit.
-    return [max(np.floor(share * own * 1e9 + 1e-3), 1.0) / 1e9 for share in SHARES]
+    return [max(np.floor(fraction * own * 1e9 + 1e-3), 1.0) / 1e9 for fraction in SHARES]

@@ -157,13 +157,13 @@ def longest_step(scene: Scene) -> float:
     return float(min(SAFETY * choice.limit, 1.0 / scene.rate))
 
 
-def at_share(job: Job, setting: Setting, share: float) -> Setting:
+def at_share(job: Job, setting: Setting, fraction: float) -> Setting:
     """A setting at a fraction of its longest step, such that whole steps make a second.
 
     Raises SceneError if it does not fit the scene.
     """
     own = longest_step(replace(setting, step=0.0).applied(job.scene))
-    return replace(setting, step=float(1.0 / np.ceil(1.0 / (share * own) - 1e-9)))
+    return replace(setting, step=float(1.0 / np.ceil(1.0 / (fraction * own) - 1e-9)))
 
 
 def error(points: Array, truth: Array, components: Sequence[int] = (0, 1, 2)) -> float:
