@@ -27,7 +27,7 @@ CLAMPED = [0, 1, -2, -1]
 # Numbers of a .npz file -> least and most.
 RANGES = {"rate_hz": (0.1, 1e5), "length_m": (0.01, 1e3), "mass_g": (1e-3, 1e5)}
 NPZ_KEYS = ("pos_um", *RANGES, "clamped")
-DOUBT = 2.0  # between the length given and that along the markers, from which one must be wrong
+DOUBT = 2.0  # ratio of `length_m` and the length along the markers from which one is wrong
 
 
 def read_recordings(

@@ -261,7 +261,7 @@ class Shift(NamedTuple):
         return math.hypot(*self.offset)
 
     def weight(self, stamp_ns: int) -> float:
-        """Remaining share of the shift, from 1 to 0."""
+        """Remaining fraction of the shift, from 1 to 0."""
         x = min(1.0, max(0.0, (stamp_ns - self.begin_ns) / (self.duration * SECOND)))
         return 1.0 - x * x * (3.0 - 2.0 * x)
 

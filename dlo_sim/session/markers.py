@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from dlo_sim.simulation.simulator import Simulator
 
 LONGEST = 0.2  # [s] for the way to a new pose
-ROUND = 1e-3  # share by which the diameters of a sphere or cylinder may differ
+ROUND = 1e-3  # relative difference of the diameters of a sphere or cylinder that is allowed
 MOST_TRIANGLES = 1000
 _CELLS = 32  # of the field of a mesh, along its longest side
 _SHAPES = {cdr.CUBE: "box", cdr.SPHERE: "sphere", cdr.CYLINDER: "cylinder"}

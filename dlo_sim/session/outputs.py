@@ -1,24 +1,17 @@
 """Serialises the simulator's state to output messages.
 
-SIGN AND FRAME OF EVERY OUTPUT (all in the world frame `frame_id`; the stamp is the time of the
-state)
-- `~/start/reaction`, `~/end/reaction`, `~/<grasp>/reaction` (WrenchStamped, not for a free end):
-  force [N] and torque [N m] acting ON THE CABLE BY THE END EFFECTOR, torque about the attachment
-  point, world axes. It includes the inertia and weight of the point mass `<end>.mass`. A
-  force-torque sensor in the wrist, which measures the load of the cable on the robot, reads the
-  NEGATIVE of it.
-- `~/control_points` (PoseArray): control point i, which lies on the cable only at its ends, else
-  near it, with the material frame of the cable at the control point's material coordinate: x axis =
-  tangent from start to end.
-- `~/centerline`, `~/control_polygon` (Marker LINE_STRIP): points on the cable, coloured according
-  to outputs.color_by; the control points.
-- `~/points` (PointCloud2, if enabled): the points of the centerline with u [m] and, where the scene
-  determines it, tension [N]; float64 beyond 1 km from the origin, else float32.
-- `~/capsules` (MarkerArray, if enabled): capsules that enclose the cable.
-- `~/contacts` (MarkerArray, with obstacles or contact.self): the obstacles, and a line along the
-  force on the cable at every sample that touches; where it touches itself, on one of the strands.
-- `/tf` (TFMessage, if enabled): both ends of the cable with the material frame there, x axis =
-  tangent from start to end; the end effector of each grasp, whether it holds the cable or not.
+All are in the world frame `frame_id`; the stamp is the time of the state.
+- `~/start/reaction`, `~/end/reaction`, `~/<grasp>/reaction`: force [N] and torque [N m] ON THE
+  CABLE BY THE END EFFECTOR, with inertia and weight of the point mass `<end>.mass`; torque about
+  the attachment point. A wrist force-torque sensor reads the NEGATIVE.
+- `~/control_points`: they lie on the cable only at its ends, else near it; orientation: material
+  frame at the control point's material coordinate, x axis = tangent from start to end.
+- `~/centerline`, `~/control_polygon`: points on the cable, coloured by outputs.color_by; the
+  control points.
+- `~/points`: the centerline with u [m] and, where known, tension [N]; float64 beyond 1 km.
+- `~/capsules`: capsules that enclose the cable. `~/contacts`: obstacles, and a line along the force
+  at every sample that touches (with itself, on one of the strands).
+- `/tf`: both ends of the cable with the material frame, and the end effector of each grasp.
 """
 
 from __future__ import annotations

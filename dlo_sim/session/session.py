@@ -1,12 +1,12 @@
-"""A session takes input messages, steps the simulator up to a time and gives output messages. The
-live node and the bag replay are shells around it.
+"""A session takes input messages, steps the simulator up to a time and gives output messages.
 
-TIME. Inputs take effect at their header stamps (`inputs.time`). The prediction runs
-`inputs.latency` behind the clock, so that poses can be interpolated and loads sorted; an arrival
-jitter below that does not change the result by a single bit. The simulation never runs ahead of its
-inputs: if the next pose is missing it waits, up to `pose_timeout`, and then catches up by at most
-`inputs.catch_up` per tick. Time that cannot be caught up is skipped, counted and reported.
-Published states are stamped with their time, converted to the clock.
+The live node and the bag replay are shells around it. Inputs take effect at their header stamps
+(`inputs.time`). The prediction runs `inputs.latency` behind the clock, so that poses can be
+interpolated and loads sorted; an arrival jitter below that does not change the result by a single
+bit. The simulation never runs ahead of its inputs: if the next pose is missing it waits, up to
+`pose_timeout`, and then catches up by at most `inputs.catch_up` per tick. Time that cannot be
+caught up is skipped, counted and reported. Published states are stamped with their time, converted
+to the clock.
 
 The session never raises on a message or a tick, and never outputs a number that is not finite.
 """

@@ -28,7 +28,7 @@ PERIODS = (8, 4, 2)  # in a step where nothing arrives in between
 PLACES = 21  # points of the cable that are compared
 MOST_TIMES = 1000
 HOPELESS = 2.0  # times the best run time: finer settings of a method are not tried any more
-STUCK = 0.9  # a smaller step that leaves this share of the error shows that space limits it
+STUCK = 0.9  # if a smaller step leaves this fraction of the error, space limits it
 FINALISTS = 3
 # Terms that may be switched off where that pays. Not twist: the angle is not in what is compared.
 SWITCHES = ("bend", "gravity", "damping", "out_of_plane")
@@ -64,7 +64,7 @@ class _Search:
     allowed: float
     good: list[tuple[Trial, float]]
     progress: Callable[[float], None]
-    done: float = 0.3  # share of the whole
+    done: float = 0.3  # fraction of the whole
     tried: int = 0
     least: float = float("inf")
 
