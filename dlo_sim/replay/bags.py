@@ -38,8 +38,7 @@ _LONGEST_LINE = 300
 _MOST_TOPICS = 20  # in a message
 _PER_COMMIT = 200  # messages
 _DISK_ERRORS = (OSError, sqlite3.Error)
-# Messages written in another order than recorded are sorted within so many nanoseconds: recorders
-# write what comes from several threads, and keep what they sort.
+# [ns] within which messages are sorted by their recording: recorders have several threads.
 _MOST_LATE = 10_000_000_000
 _PROGRESS_MESSAGES = 1000
 # If a recording begins before this, zero may be its first time; if later, zero is no time.

@@ -31,13 +31,10 @@ if TYPE_CHECKING:
     from dlo_sim.simulation.simulator import Simulator
 
 _DIAGNOSTICS_PERIOD = 1 * SECOND
-# A longer gap in the recording is not simulated through: the session starts over after it.
-LONGEST_GAP = 600 * SECOND
+LONGEST_GAP = 600 * SECOND  # in a recording, after which the session starts over
 _PROGRESS_TICKS = 100
-# Part of the progress that opening the bag counts for.
-_OPENING = 0.1
-# If more of a topic's messages are refused, the replay says so and is not `done`.
-MOST_REFUSED = 0.05
+_OPENING = 0.1  # of the progress, for opening the bag
+MOST_REFUSED = 0.05  # of a topic's messages; beyond it a replay is `refused`, not `done`
 
 
 @dataclass

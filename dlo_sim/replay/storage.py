@@ -29,16 +29,15 @@ from mcap.records import Channel, Chunk, Schema
 from dlo_sim.scene.plain_yaml import FileRefused, parse_yaml, read_text
 from dlo_sim.scene.refusal import brief
 
-# Heads of records; the records themselves are read by the mcap library, but for messages: its 7 us
-# for each would be a tenth of the time of a replay.
+# Heads of records. The mcap library reads all records but messages: its 7 us for each would be a
+# tenth of the time of a replay.
 _HEAD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
 _MAGIC = b"\x89MCAP0\r\n"
-# Both come with the bag library.
 _ZSTD = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
-_UNPACKERS = {"zstd": _ZSTD, "lz4": "lz4.frame"}
+_UNPACKERS = {"zstd": _ZSTD, "lz4": "lz4.frame"}  # both come with the bag library
 _PIECE = 1 << 16  # bytes unpacked at once
-# To so many bytes may a file be unpacked, and to so many for each of its own: black pictures stay
-# below that. Chunks and messages have to be in memory; writers make chunks of a few megabytes.
+# Limits of an unpacked file: bytes, and ratio to its own size, which black pictures do not reach.
+# Chunks and messages have to fit into memory; writers make chunks of a few megabytes.
 _LEAST_UNPACKED, _MOST_RATIO = 1 << 28, 1000
 _LARGEST_CHUNK = 1 << 28
 
@@ -48,10 +47,8 @@ _PACKED_MESSAGE = b"\x28\xb5\x2f\xfd"  # begins a packed message; no serialised 
 
 _METADATA = "metadata.yaml"
 _NEWEST = 9
-# What is packed: nothing, the data files as a whole, each message, or chunks of an MCAP file.
-_MODES = ("none", "file", "message", "storage")
-# A recording of hundreds of topics names the quality of service of each of their publishers.
-_MOST_VALUES = 100_000
+_MODES = ("none", "file", "message", "storage")  # what is packed; storage: chunks of an MCAP file
+_MOST_VALUES = 100_000  # of the metadata, which hold the QoS of each publisher
 
 
 class DamagedFile(Exception):
@@ -258,8 +255,7 @@ def _rows(path: Path, wanted: Wanted, note: Note) -> Iterator[Record]:
     connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
     try:
         connection.text_factory = lambda text: text.decode("utf-8", "replace")
-        # A file shorter than its header says is refused as a whole, unless the schema may be
-        # repaired: so is it by the reader of the bag library.
+        # Otherwise sqlite refuses a file shorter than its header says, as the bag library does.
         connection.execute("PRAGMA writable_schema=ON")
         connection.execute("PRAGMA trusted_schema=OFF")
         tables = "SELECT name FROM sqlite_master WHERE type = 'table'"

@@ -291,7 +291,7 @@ def _run_cable(name: str, makers: Makers, running: list[str]) -> int:
             node.destroy_node()
     if failure is None:
         return DONE
-    # One piece: several cables may end at once.
+    # A single write, since several cables may end at once.
     label = f"{'error: ' if status == REFUSED else ''}{name}{': ' if name else ''}"
     sys.stderr.write(f"dlo_sim: {label}{failure}\n")
     makers.keep_saying(failure, running)
@@ -303,7 +303,7 @@ def _spin(node: CableNode) -> None:
     executor = new_executor()
     executor.add_node(node)
     try:
-        # What start-up has allocated stays; the collector need not look at it during a tick.
+        # Objects of the start-up stay; the collector need not visit them during a tick.
         gc.collect()
         gc.freeze()
         while not stopping.requested() and node.failure is None:

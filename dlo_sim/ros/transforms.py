@@ -50,13 +50,13 @@ class _Listener:
     def __init__(self, tf2_ros: Any, node: Node, world: str) -> None:
         self._world = world
         self._problem = tf2_ros.TransformException
-        # Not of the node's clock: it is told when that has jumped.
+        # Without the node's clock, whose jumps it is told of.
         self._buffer = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._buffer, node)
 
     def lookup(self, frame: str, stamp_ns: int | None) -> Transform:
         """As `Transforms.lookup`; at a given time tf2 interpolates and never extrapolates."""
-        # Time 0 is the newest for tf2, and no stamp.
+        # tf2 takes time 0 for the newest transform.
         at = Time() if stamp_ns is None else Time(nanoseconds=max(stamp_ns, 1))
         try:
             stamped = self._buffer.lookup_transform(self._world, frame, at)

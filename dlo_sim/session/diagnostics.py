@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 _MOST_ADVICE = 20
 AGAIN = 0.5  # of the target: the error must have fallen below it before an excess counts again
-# So many messages in a row that are ahead of the clock by more than this [ns] are a wrong clock.
+# A clock is wrong if _MANY messages in a row are ahead of it by more than _AHEAD [ns].
 _AHEAD, _MANY = 20_000_000, 50
 
 REASONS: dict[str, str] = {
@@ -43,7 +43,7 @@ REASONS: dict[str, str] = {
     "hundred wait, or more than 2 contact.markers + 1 markers or 1 MB of them in a message",
     "bad_marker": "a marker that is no obstacle: an ellipsoid, an open mesh, without size, tiny "
     "beside the cable, of another type",
-    "bad_plan": "a plan whose joints, times or poses the end effectors cannot follow from here",
+    "bad_plan": "a plan whose joints, times or poses the end effectors cannot follow now",
 }
 """The reasons for which messages are refused."""
 
@@ -63,9 +63,9 @@ EVENTS: dict[str, str] = {
     "full": "more measurements wait than fit; the oldest is lost",
     "too_many": "meshes of markers came faster than they are made; of each obstacle the newest "
     "is made",
-    "not_added": "an obstacle was not added: the cable is inside it, or contact.markers are there",
+    "not_added": "an obstacle was not added: the cable is in it, or contact.markers is reached",
     "jumped": "an obstacle would have to move faster than inputs.max_speed; it stays where it is",
-    "not_taken": "a gripper was to take the cable where it is already held",
+    "not_taken": "a gripper cannot take the cable where it is already held",
     "slipped_out": "the end of the cable has slipped out of a grasp that slides",
     "load_removed": "no message for the load's timeout; the load was removed",
     "time_skipped": "the simulation could not keep up; simulated time was skipped",

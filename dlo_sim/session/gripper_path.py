@@ -356,7 +356,7 @@ class PoseTiming:
     @property
     def delay_ns(self) -> int:
         """The usual delay of the messages [ns]."""
-        # A hold-up at the beginning may be the largest of the first window.
+        # The only window may contain a hold-up at the beginning.
         return max(0, min(self._largest) if len(self._largest) > 1 else self._least_ns)
 
     @property

@@ -162,15 +162,15 @@ class Surroundings(Waiting[Markers]):
             self._make(one for one, _ in self._batch.values())
 
     def clear(self) -> None:
-        """Discard all messages and what was said of obstacles."""
+        """Discard all messages and obstacles."""
         super().clear()
-        # Obstacle -> as the last message has it, the stamp of that, and the end of its life [ns].
+        # Name -> obstacle of the last message and the stamp of that [ns].
         self._said: dict[str, tuple[Obstacle, int]] = {}
-        # What is to be there after the present step, and where to it moves within a time [ns].
+        # Obstacles after the present step, their targets and the times to them [ns], ends of life.
         self._there: dict[str, Obstacle] = {}
         self._moving: dict[str, tuple[Obstacle, int]] = {}
         self._ends: dict[str, int] = {}
-        # What takes effect with the batch that is being made, when [ns], and what with the next.
+        # Changes with the batch of meshes that is being made, its time [ns]; changes with the next.
         self._batch: dict[str, _Later] = {}
         self._ready_ns: int | None = None
         self._next: dict[str, _Later] = {}

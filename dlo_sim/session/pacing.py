@@ -119,7 +119,7 @@ class Latency:
             return
         least = round(LEAST_LATENCY * SECOND)
         need = max((timing.need_ns for timing in self._timings.values()), default=0)
-        # Whole timer periods more than the least, so that the phase of the ticks stays right.
+        # The excess over the least lag is whole timer periods, which keeps the phase of the ticks.
         quantum = self._period_ns * math.ceil(_QUANTUM / self._period_ns)
         more = max(0, -(-(need - least) // quantum)) * quantum
         self.ns = min(least + more, round(MOST_LATENCY * SECOND))
