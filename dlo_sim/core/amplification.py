@@ -21,14 +21,10 @@ MODES = 40  # samples of the spectrum below the largest frequency of a damped ca
 
 
 def amplification(method: Method, omega: ArrayLike, decay: float = 0.0) -> Array:
-    """Matrix of one step of an explicit method.
+    """Matrix of one step of an explicit method, shape omega.shape + (2, 2), or (3, 3) for Zhai's.
 
     Args:
-        method: its family decides what is computed.
         omega, decay: omega tau [-], of any shape, and decay tau [-].
-
-    Returns:
-        Shape omega.shape + (2, 2), or + (3, 3) for Zhai's method.
 
     Raises:
         ValueError: for an implicit method, which has no limit.

@@ -28,11 +28,8 @@ def given(value: object) -> str:
 def numbers(name: str, value: object, shape: tuple[int | None, ...], meaning: str = "") -> Array:
     """Finite numbers of a shape; None in it stands for any number of them.
 
-    Args:
-        meaning: their unit, or what they are, for the refusal.
-
-    Raises:
-        TypeError: not numbers, or rows of unequal length. ValueError: another shape, not finite.
+    `meaning`: their unit, or what they are, for the refusal. Raises TypeError for other than
+    numbers or rows of unequal length, ValueError for another shape or what is not finite.
     """
     try:
         array = np.asarray(value)
@@ -62,22 +59,14 @@ def _wanted(shape: tuple[int | None, ...]) -> str:
 
 
 def number(name: str, value: object, meaning: str = "") -> float:
-    """One finite number.
-
-    Raises:
-        TypeError: not a number. ValueError: not finite, or more than one.
-    """
+    """One finite number; TypeError if it is none, ValueError if not finite, or more than one."""
     if type(value) is float and math.isfinite(value):  # asked for at every step
         return value
     return float(numbers(name, value, (), meaning))
 
 
 def count(name: str, value: object) -> int:
-    """A whole number of 0 or more, also as a float.
-
-    Raises:
-        TypeError: not a number. ValueError: not whole, negative, or beyond 2^53.
-    """
+    """A whole number from 0 to 2^53, also as a float; TypeError for no number, else ValueError."""
     if type(value) is not int or abs(value) > _LARGEST_COUNT:
         value = number(name, value, "a whole number of 0 or more")
     if not 0 <= value <= _LARGEST_COUNT or value != int(value):
@@ -86,11 +75,7 @@ def count(name: str, value: object) -> int:
 
 
 def one_of(name: str, value: object, known: Iterable[str]) -> str:
-    """One of the known names.
-
-    Raises:
-        TypeError: not a string. ValueError: another one.
-    """
+    """One of the known names; TypeError if it is not a string, ValueError for another one."""
     if isinstance(value, str) and value in known:
         return value
     refusal = ValueError if isinstance(value, str) else TypeError
@@ -100,14 +85,7 @@ def one_of(name: str, value: object, known: Iterable[str]) -> str:
 
 
 def instance(name: str, value: object, kind: type[T], source: str) -> T:
-    """A value of a class.
-
-    Args:
-        source: where to get one, for the refusal.
-
-    Raises:
-        TypeError: of another class.
-    """
+    """A value of a class, else TypeError; `source`: where to get one, for the refusal."""
     if not isinstance(value, kind):
         raise TypeError(f"{name}: needs a {kind.__name__} ({source}), got {given(value)}")
     return value

@@ -25,8 +25,7 @@ Array = NDArray[np.float64]
 class Grading(NamedTuple):
     """Density of knots near the ends in excess of that elsewhere, which counts as 1.
 
-    Attributes:
-        start, end: excess at either end. reach: length over which it decays by 1/e [m].
+    It is `start` and `end` at the ends and decays by 1/e over the length `reach` [m].
     """
 
     start: float = 0.0
@@ -38,18 +37,13 @@ EQUAL = Grading()
 
 
 def clamped_knots(control_points: int, length: float, grading: Grading = EQUAL) -> Array:
-    """Knot vector of a clamped cubic spline.
+    """Knot vector [m] of a clamped cubic spline: 0 and L with multiplicity 4, n - 4 breaks between.
 
-    Each span has the same share of the integral of the density of knots,
-    1 + start exp(-u / reach) + end exp(-(L - u) / reach).
+    Each span has the same part of the integral of the density of knots, 1 + start exp(-u / reach) +
+    end exp(-(L - u) / reach); by default all spans have the same length.
 
     Args:
-        control_points: number of control points n, at least 4.
-        length: rest length L [m].
-        grading: by default all spans have the same length.
-
-    Returns:
-        Knots [m], shape (n + 4,): 0 and L with multiplicity 4, n - 4 breaks between.
+        control_points: their number n, at least 4. length: rest length L [m].
     """
     if control_points < ACTIVE:
         raise ValueError(f"a cubic spline needs at least 4 control points, got {control_points}")
@@ -57,9 +51,9 @@ def clamped_knots(control_points: int, length: float, grading: Grading = EQUAL) 
     start, end, reach = grading
     if start or end:
         u = np.linspace(0.0, length, RESOLUTION)
-        share = u - start * reach * np.expm1(-u / reach)
-        share += end * reach * (np.exp((u - length) / reach) - np.exp(-length / reach))
-        ends[1:-1] = np.interp(share[-1] / length * ends[1:-1], share, u)
+        knots_up_to = u - start * reach * np.expm1(-u / reach)
+        knots_up_to += end * reach * (np.exp((u - length) / reach) - np.exp(-length / reach))
+        ends[1:-1] = np.interp(knots_up_to[-1] / length * ends[1:-1], knots_up_to, u)
     return np.concatenate((np.zeros(DEGREE), ends, np.full(DEGREE, length)))
 
 
@@ -129,12 +123,10 @@ def locate(knots: Array, u: ArrayLike) -> tuple[NDArray[np.int64], Array]:
 def active_basis(
     knots: Array, u: ArrayLike, derivative: int = 0
 ) -> tuple[NDArray[np.int64], Array]:
-    """Values of the four active basis functions, or of a derivative with respect to u.
+    """Values of the four active basis functions, or of a derivative (0 to 3) with respect to u.
 
     Args:
-        knots: from `clamped_knots`.
-        u: material coordinates [m], shape (m,).
-        derivative: 0 to 3; the third is constant on each span.
+        knots: from `clamped_knots`. u: material coordinates [m], shape (m,).
 
     Returns:
         First active control point, shape (m,), and values [1/m^derivative], shape (m, 4).

@@ -22,14 +22,10 @@ TABLE = (
 def colors(
     values: NDArray[np.float64], low: float | None = None, high: float | None = None
 ) -> NDArray[np.float64]:
-    """Red, green, blue, alpha of each value, shape (n, 4); beyond the range as at its ends.
-
-    Args:
-        values: shape (n,). low, high: range; default: that of the values.
-    """
+    """Red, green, blue, alpha (n, 4) of values (n,); the range is by default that of the values."""
     low = float(values.min()) if low is None else low
     high = float(values.max()) if high is None else high
-    share = (values - low) / (high - low) if high > low else np.zeros(len(values))
+    fraction = (values - low) / (high - low) if high > low else np.zeros(len(values))
     steps = np.linspace(0.0, 1.0, len(TABLE))
-    rgb = [np.interp(share, steps, channel) for channel in zip(*TABLE, strict=True)]
+    rgb = [np.interp(fraction, steps, channel) for channel in zip(*TABLE, strict=True)]
     return np.stack([*rgb, np.ones(len(values))], axis=-1)

@@ -1,10 +1,9 @@
 """The motion of one end effector over a short time, with constant acceleration.
 
 Position p(t) = p0 + v s + a s^2 / 2 and orientation q(t) = exp(w s + c s^2 / 2) q0, where s is t -
-start, limited to 0 and the duration: before the start and after the end the end effector rests. exp
-is the rotation vector's rotation in the world frame, applied on the left; w and c are the angular
-velocity and the angular acceleration at s = 0. It is the motion of the END EFFECTOR frame; the
-cable's attachment offset and tangent in it are not known here.
+start, limited to 0 and the duration: the end effector rests before and after. exp is the rotation
+vector's rotation in the world frame, applied on the left; w and c are the angular velocity and
+acceleration at s = 0. The frame is that of the END EFFECTOR, not of the cable's attachment.
 """
 
 from __future__ import annotations
@@ -30,20 +29,17 @@ _ZERO = (0.0, 0.0, 0.0)
 class EndMotion:
     """Motion of an end effector from `start` for `duration`, at rest before and after.
 
-    All vectors are in the world frame; velocities are zero unless given. The angular acceleration
-    is constant if it is parallel to the angular velocity; otherwise it is that at the start, and
-    the rotation vector of the turn since then is quadratic in time.
+    All vectors are in the world frame; velocities and accelerations are zero by default. The
+    angular acceleration is constant if it is parallel to the angular velocity; otherwise it is that
+    at the start, and the rotation vector of the turn since then is quadratic in time.
 
     Attributes:
-        start: simulator time [s] at which the motion begins.
-        duration: length of the motion [s], >= 0.
-        position: at the start [m], shape (3,).
+        start, duration: simulator time [s] at which the motion begins, and its length [s], >= 0.
+        position, velocity: at the start [m], [m/s], shape (3,).
         orientation: at the start, unit quaternion x, y, z, w, end-effector frame to world, shape
             (4,).
-        velocity: at the start [m/s], shape (3,).
         acceleration: throughout [m/s^2], shape (3,).
-        angular_velocity: at the start [rad/s], shape (3,).
-        angular_acceleration: at the start [rad/s^2], shape (3,).
+        angular_velocity, angular_acceleration: at the start [rad/s], [rad/s^2], shape (3,).
         position_coefficients: rows p0, v, a / 2 of the formula of this module, shape (3, 3).
         rotation_coefficients: rows w, c / 2, shape (2, 3).
 
@@ -149,15 +145,9 @@ class EndMotion:
         angular_velocity: ArrayLike | None = None,
         angular_acceleration: ArrayLike = _ZERO,
     ) -> EndMotion:
-        """The motion that begins where and when this one ends.
+        """The motion that begins where and when this one ends, with this duration [s].
 
-        Args:
-            duration: of the next motion [s]. velocity, angular_velocity: at its start [m/s],
-                [rad/s], shape (3,); default: those at the end of this one. acceleration,
-                angular_acceleration: as in the class.
-
-        Raises:
-            TypeError, ValueError: as the class.
+        Velocities are by default those at the end of this one. Raises as the class.
         """
         end = self.end
         if velocity is None:
@@ -219,8 +209,8 @@ class EndMotion:
         return self._moving(t) * spin.reshape(turn.shape)
 
     def rest(self, now: float) -> EndMotion:
-        """What is left of it at `now` [s], as a motion from time 0: the same places at any time and
-        the same last pose; it turns there at a constant rate.
+        """The remainder at `now` [s], as a motion from time 0: the same positions and the same last
+        pose, to which it turns at a constant rate.
         """
         s, orientation = float(np.ravel(self._elapsed(now))[0]), self.orientation_at(now)
         left = self.duration - s

@@ -51,8 +51,8 @@ class ErrorFilter:
         """What to add to the control points [m] and their velocities [m/s], each of shape (n, 3).
 
         Args:
-            seen: rows of basis values of the points that were measured, shape (k, n).
-            distances: from the curve to what was measured [m], shape (k, 3).
+            seen: rows of basis values of the measured points, shape (k, n).
+            distances: from the curve to the measured points [m], shape (k, 3).
         """
         # The gain P H^T (H P H^T + R)^-1 as P (1 + H^T R^-1 H P)^-1 H^T R^-1: the points, however
         # many, count by two sums.

@@ -66,11 +66,11 @@ def factorize(band: Array, prescribed: NDArray[np.bool_]) -> tuple[Array, Array]
 
     Args:
         band: lower diagonals, shape (4, n), positive definite on the free part.
-        prescribed: shape (n,), true where the value is given instead of solved for.
+        prescribed: shape (n,), true where the value is not solved for.
 
     Returns:
-        lower: unit lower factor, shape (3, n): lower[k - 1, i] = L[i, i - k].
-        inverse_diagonal: 1 / D, shape (n,); zero on prescribed rows, so that a solve returns 0.
+        Unit lower factor, shape (3, n): lower[k - 1, i] = L[i, i - k]; and 1 / D, shape (n,), zero
+            on prescribed rows, so that a solve returns 0.
     """
     n = band.shape[1]
     lower = np.zeros((HALF_BAND, n))

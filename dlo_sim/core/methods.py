@@ -1,9 +1,8 @@
 """Time integrators as data: what each one is, and which scenes it is valid for.
 
 A drift/kick (splitting) method is a pair of weight rows that one loop executes, a Runge-Kutta
-method a Butcher table for another. Zhai's two-step method has two parameters, which a scene gives.
-An implicit method is a choice of force for the one Newton loop. Everything that speaks of a method
-- the loops, the checks of a scene, the command line's list, the studies - reads it here.
+method a Butcher table for another. An implicit method is a choice of force for the one Newton loop.
+The loops, the checks of a scene, the command line's list and the studies read it here.
 """
 
 from __future__ import annotations
@@ -22,10 +21,8 @@ class Method:
     """One integrator.
 
     Attributes:
-        name: key of `integrator.method`.
-        family: `splitting`, `runge_kutta`, `zhai` or `implicit`: which loop executes it.
-        order: global order of accuracy in the step.
-        source: where it comes from.
+        name: key of `integrator.method`. family: which loop executes it.
+        order: global order of accuracy in the step. source: where it comes from.
         symmetric: reversing the velocities and stepping on returns to the start.
         symplectic: conserves a nearby energy at fixed step.
         conserves_energy: conserves the energy itself, to the solver's tolerance, at any step.
@@ -56,11 +53,7 @@ class Method:
     phase_error: float = 1.0 / 12.0
 
     def __post_init__(self) -> None:
-        """Refuse a table that cannot be right.
-
-        Raises:
-            ValueError: naming the method and the weights.
-        """
+        """Raise ValueError, naming method and weights, for a table that cannot be right."""
         sums = {"sub-steps": self.substeps}
         if self.family == RUNGE_KUTTA:
             sums["stage weights"] = self.stage_weights

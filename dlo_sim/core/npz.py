@@ -35,11 +35,7 @@ class NpzRefused(Exception):
 
 
 class NpzUnreadable(NpzRefused):
-    """The operating system does not let it be read.
-
-    Attributes:
-        missing: whether there is no such file.
-    """
+    """The operating system does not let it be read; `missing`: there is no such file."""
 
     def __init__(self, error: OSError) -> None:
         super().__init__(f"cannot be read ({error.strerror or error})")
@@ -47,13 +43,7 @@ class NpzUnreadable(NpzRefused):
 
 
 def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
-    """Arrays of numbers, or of text, in an npz file.
-
-    Args:
-        names: which of them; None = all. Others are not read.
-
-    Returns:
-        Name -> array, for those that are there.
+    """Arrays of numbers, or of text, in an npz file, by name; `names`: only these, None = all.
 
     Raises:
         NpzUnreadable: there is no such file, or it may not be read.
@@ -104,13 +94,13 @@ def _arrays(
             raise NpzRefused(f"{_shown(name)} is compressed in a way that numpy does not write")
         with archive.open(member) as stream:
             _check_header(_shown(name), stream, member.file_size)
-    found = {}
+    arrays = {}
     for name, member in members.items():
         with archive.open(member) as stream:
-            found[name] = np.lib.format.read_array(stream, allow_pickle=False)
-    if sum(array.size for array in found.values()) > _MOST_VALUES:
+            arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
+    if sum(array.size for array in arrays.values()) > _MOST_VALUES:
         raise NpzRefused(f"holds more than {_MOST_VALUES} values")
-    return found
+    return arrays
 
 
 def _check_header(name: str, stream: IO[bytes], size: int) -> None:

@@ -1,5 +1,4 @@
-"""One rotation at a time, in plain numbers: what `rotations` does for arrays, in a tenth of the
-time that an array of three or four numbers takes.
+"""One rotation in plain numbers: like `rotations` for arrays, in a tenth of the time.
 
 Quaternions are tuples x, y, z, w of unit length; rotation vectors are axis times angle [rad] in the
 world frame.
@@ -99,11 +98,7 @@ def aligned(q: Quaternion, body: Vector, direction: Vector) -> Quaternion:
 
 
 def normalized(q: Quaternion) -> Quaternion:
-    """q / |q|.
-
-    Raises:
-        ValueError: if it is zero or not finite (it has no direction).
-    """
+    """q / |q|; ValueError if it is zero or not finite."""
     size = math.hypot(*q)
     if not math.isfinite(size) or size == 0.0:
         raise ValueError("quaternion is zero or not finite: it gives no orientation")
@@ -118,11 +113,11 @@ def angular_velocity(rotation: Sequence[float], rate: Sequence[float]) -> Vector
     J(w) w' = w' + (1 - cos a)/a^2 (w x w') + (a - sin a)/a^3 (w x (w x w')).
     """
     x, y, z = rotation
-    one, two = _jacobian_factors(x * x + y * y + z * z)
+    c1, c2 = _jacobian_factors(x * x + y * y + z * z)
     a0, a1, a2 = once = cross(rotation, rate)
     b0, b1, b2 = cross(rotation, once)
     r0, r1, r2 = rate
-    return r0 + one * a0 + two * b0, r1 + one * a1 + two * b1, r2 + one * a2 + two * b2
+    return r0 + c1 * a0 + c2 * b0, r1 + c1 * a1 + c2 * b1, r2 + c1 * a2 + c2 * b2
 
 
 def _jacobian_factors(angle2: float) -> tuple[float, float]:

@@ -14,11 +14,9 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Quadrature:
-    """Samples of an integral over the cable.
+    """Samples of an integral over the cable, shape (n_spans, m) each.
 
-    Attributes:
-        xi: local coordinates in [-1, 1], shape (n_spans, m).
-        weights: [m], shape (n_spans, m); 0 marks padding. They sum to the length.
+    `xi`: local coordinates in [-1, 1]; `weights` [m], which sum to the length; 0 marks padding.
     """
 
     xi: NDArray[np.float64]

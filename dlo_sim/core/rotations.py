@@ -22,11 +22,7 @@ IDENTITY: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
 
 def normalized(q: ArrayLike) -> Array:
-    """q / |q|, shape (..., 4).
-
-    Raises:
-        ValueError: if a quaternion is zero or not finite (it has no direction).
-    """
+    """q / |q|, shape (..., 4); ValueError if a quaternion is zero or not finite."""
     return _each(one_rotation.normalized, q)
 
 
@@ -35,8 +31,8 @@ def _each(function: Callable[..., tuple[float, ...]], rows: ArrayLike) -> Array:
     rows = np.asarray(rows, dtype=float)
     if rows.ndim == 1:
         return np.array(function(rows.tolist()))
-    found = [function(row) for row in rows.reshape(-1, rows.shape[-1]).tolist()]
-    return np.array(found).reshape(*rows.shape[:-1], -1)
+    results = [function(row) for row in rows.reshape(-1, rows.shape[-1]).tolist()]
+    return np.array(results).reshape(*rows.shape[:-1], -1)
 
 
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
@@ -110,9 +106,7 @@ def to_rotation_vector(q: ArrayLike) -> Array:
 
 
 def slerp(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:
-    """Orientation a fraction of the shorter way from a to b, shape (..., 4); 0 gives a, 1 gives b
-    (or -b).
-    """
+    """Orientation a fraction of the shorter way from a (0) to b or -b (1), shape (..., 4)."""
     step = to_rotation_vector(multiply(b, conjugate(a)))
     return multiply(from_rotation_vector(np.asarray(fraction, dtype=float)[..., None] * step), a)
 
@@ -120,12 +114,9 @@ def slerp(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:
 def minimal_rotation(u: ArrayLike, v: ArrayLike) -> Array:
     """The rotation of smallest angle that takes direction u to direction v, shape (..., 4).
 
-    u and v, shape (..., 3), need not have unit length. Opposite directions have no unique answer:
-    half a turn about the axis perpendicular to u that is nearest to the coordinate axis least
-    aligned with u.
-
-    Raises:
-        ValueError: if a direction is zero or not finite.
+    u and v, shape (..., 3), need not have unit length; ValueError if zero or not finite. For
+    opposite directions it is half a turn about the axis perpendicular to u that is nearest to the
+    coordinate axis least aligned with u.
     """
     u, v = _direction(u), _direction(v)
     u, v = np.broadcast_arrays(u, v)

@@ -11,11 +11,7 @@ Array = NDArray[np.float64]
 
 
 def dense(stiffness: Array, half: int) -> Array:
-    """Row-stored band matrix as a full matrix, shape (size, size).
-
-    Args:
-        stiffness: entry (r, c) at [r, c - r + half]; columns beyond 2 half are not looked at.
-    """
+    """Row-stored band matrix, with entry (r, c) at [r, c - r + half], as a full matrix."""
     size = len(stiffness)
     full = np.zeros((size, size))
     for r in range(size):
@@ -27,9 +23,8 @@ def dense(stiffness: Array, half: int) -> Array:
 def largest_of_dense(stiffness: Array, inertia: Array, rows: Array) -> float:
     """Largest omega [rad/s] of K x = omega^2 M x among motions with rows x = 0.
 
-    Args:
-        stiffness, inertia: K symmetric, M positive definite, shape (size, size).
-        rows: constraints, shape (m, size); rows of zeros do not count.
+    K (`stiffness`) is symmetric, M (`inertia`) positive definite; rows (m, size) of zeros do not
+    count.
     """
     size = len(stiffness)
     rows = rows[np.abs(rows).max(axis=1, initial=0.0) > 0.0]

@@ -1,20 +1,20 @@
-"""Fitting a scene's numbers to recordings, and how well they are known.
+"""Fits parameters of a scene to recordings, and estimates their uncertainty.
 
 Robust least squares (soft L1) in stages, each from the solution of the one before, the first from
-the best of a grid. Before a stage, what the data cannot tell is taken out and left at its value: J
-are the derivatives of the errors by the unknowns in units of their widths. While a singular value
-of J is so small that a change by a width is lost in the noise, the unknown that has the largest
-share in it goes.
+the best of a grid. Before a stage, parameters that the data cannot determine keep their values: J
+are the derivatives of the errors by the unknowns in units of their widths; while a singular value
+of J is so small that a change by a width is lost in the noise, the unknown with the largest part in
+it is removed.
 
-How well the numbers are known is their covariance, estimated from the errors that the fit leaves.
-With the derivatives J, robust weights W and H = J^T W J, an error e of the measurements changes the
-numbers by -H^-1 J^T W e. Two kinds of error count:
-- what is left, with the sums g_t = J_t^T W_t e_t of frame t. Its part is H^-1 S H^-1, with S the
-  sum of the autocovariance of g over the lags up to which errors are correlated (Newey & West 1987,
+The covariance is estimated from the errors that the fit leaves. With the derivatives J, robust
+weights W and H = J^T W J, an error e of the measurements changes the unknowns by -H^-1 J^T W e. Two
+kinds of error count:
+- residuals, with the sums g_t = J_t^T W_t e_t of frame t. Their part is H^-1 S H^-1, with S the sum
+  of the autocovariance of g over the lags up to which errors are correlated (Newey & West 1987,
   doi:10.2307/1913610), within each piece of motion;
-- noise of the frames from which a piece starts, which the whole piece then follows: a damping is
-  told by how a motion dies away, and that depends on how it began. Its part is the mean of
-  H^-1 g g^T H^-1 over simulations from starts with as much noise again, with the sum g over a piece
+- noise of the frames from which a piece starts, which the whole piece then follows: the decay of a
+  motion, which determines the damping, depends on its beginning. Its part is the mean of H^-1 g g^T
+  H^-1 over simulations from starts with as much noise again, with the sum g over a piece
   (propagation of errors, by Monte Carlo: JCGM 101:2008).
 """
 
@@ -39,7 +39,7 @@ Mask = NDArray[np.bool_]
 Progress = Callable[[float], None]
 TOGETHER = 20.0  # errors that count as one, before the fit
 EVALUATIONS, FEW = 40, 20  # steps of a stage, at most, and of a fit that goes on from another
-GAIN = 1e-3  # share of the cost that ends a stage
+GAIN = 1e-3  # relative gain in the cost below which a stage ends
 STARTS = ((-3.0, 0.0), (-1.5, 0.0), (0.0, 0.0), (1.5, 0.0), (3.0, 0.0), (0.0, 1.5), (-1.5, 1.5))
 STARTED = ("cable.bending_stiffness", "damping.stiffness")
 TWISTED = ("cable.torsional_stiffness", "cable.bending_stiffness")
@@ -88,8 +88,7 @@ class Fit:
 
     Attributes:
         scene, sensor: with the fitted values. numbers: fitted.
-        left: label -> why it was left at its value.
-        seen: what the fit saw of the numbers at the end.
+        left: label -> why it kept its value. seen: the numbers in the units of the fit, at the end.
         evaluations: simulations of all recordings.
     """
 
@@ -111,11 +110,11 @@ def fit(
     """Fit the unknowns of a problem, stage by stage.
 
     Args:
-        before: a fit of the same unknowns to go on from, in one stage.
+        before: a fit of the same unknowns to continue, in one stage.
         progress: called with the fraction done. tell: gets a line for each unknown that is left.
 
     Raises:
-        FitError: no scipy, or nothing that the data can tell.
+        FitError: no scipy, or nothing that the data can determine.
     """
     if importlib.util.find_spec("scipy") is None:
         raise FitError("identify needs scipy; install dlo_sim with the extra 'identify'")
@@ -144,9 +143,9 @@ def fit(
             continue
         seen = run.solved(seen, active, EVALUATIONS if before is None else FEW)
     while active.any():
-        found, wide = run.result(seen, active, left)
+        result, wide = run.result(seen, active, left)
         if not wide.any():
-            return found
+            return result
         for k in np.flatnonzero(wide):
             left[problem.unknowns[k].label] = WIDE
             tell(f"{problem.unknowns[k].label} is left at its value: {WIDE}")
@@ -218,7 +217,7 @@ class _Run:
             point[active] = x
             return point
 
-        found = least_squares(
+        solution = least_squares(
             lambda x: self._all([at(x)])[0].ravel(),
             np.clip(seen[active], low + 1e-6 * widths, high - 1e-6 * widths),
             lambda x: self.linear(at(x), active)[1].reshape(-1, len(x)),
@@ -228,13 +227,13 @@ class _Run:
             ftol=GAIN,
             max_nfev=most,
         )
-        return at(found.x)
+        return at(solution.x)
 
     def linear(self, seen: Array, active: Mask) -> tuple[Array, Array]:
         """Errors (T, N) and derivatives (T, N, active) at a point, by forward differences."""
         steps = np.diag([0.01 * one.width for one in self.problem.unknowns])[active]
         here, *there = self._all([seen, *(seen + steps)])
-        columns = [(other - here) / step.sum() for other, step in zip(there, steps, strict=True)]
+        columns = [(moved - here) / step.sum() for moved, step in zip(there, steps, strict=True)]
         return here, np.stack(columns, axis=-1)
 
     def distinct(self, seen: Array, active: Mask, new: Mask) -> tuple[Mask, dict[str, str]]:
@@ -261,10 +260,10 @@ class _Run:
         deviation = NORMAL * np.sqrt(np.maximum(np.diag(spread), 0.0))  # rounding
         numbers = []
         for k, off in zip(np.flatnonzero(active), deviation, strict=True):
-            one, at = self.problem.unknowns[k], seen[k]
-            floor = -np.inf if one.log else one.least
+            unknown, at = self.problem.unknowns[k], seen[k]
+            floor = -np.inf if unknown.log else unknown.least
             numbers.append(
-                Number(one, *(one.value(x) for x in (at, max(at - off, floor), at + off)))
+                Number(unknown, *(unknown.value(x) for x in (at, max(at - off, floor), at + off)))
             )
         known = tuple(number.unknown for number in numbers)
         scene, sensor = replace(self.problem, unknowns=known).at(seen[active])
@@ -289,12 +288,12 @@ class _Run:
         }
         errors = self.problem.errors([*new.values()], self.workers)
         self._known |= dict(zip(new, errors, strict=True))
-        found = [self._known[key] for key in keys]
+        rows = [self._known[key] for key in keys]
         for key in [*self._known][:-KEPT]:
             del self._known[key]
         self.evaluations += len(new)
         self.progress(min(self.evaluations / self._expected, 1.0))
-        return found
+        return rows
 
 
 def _cost(errors: Array) -> float:
@@ -305,13 +304,13 @@ def _cost(errors: Array) -> float:
 def indistinct(
     derivatives: Array, unknowns: tuple[Unknown, ...], active: Mask, kept: Mask
 ) -> list[tuple[int, str]]:
-    """Places and reasons of the active unknowns, but for those kept, that the data cannot tell by
-    derivatives of the errors in units of their noise.
+    """Places and reasons of the active unknowns, except those kept, that the data cannot determine,
+    from derivatives of the errors in units of their noise.
     """
     places: list[int] = np.flatnonzero(active).tolist()
     widths = np.array([unknowns[k].width for k in places])
     scaled = derivatives.reshape(-1, len(places)) * widths / np.sqrt(TOGETHER)
-    found = []
+    lost = []
     while places:
         _, values, shares = np.linalg.svd(scaled, full_matrices=False)
         if values[-1] >= 1.0:
@@ -324,10 +323,10 @@ def indistinct(
             other = next(unknowns[places[k]].label for k in others if k != worst)
             reason = f"the data do not tell it from {other}"
         if not kept[places[worst]]:
-            found.append((places[worst], reason))
+            lost.append((places[worst], reason))
         del places[worst]
         scaled, widths = np.delete(scaled, worst, axis=1), np.delete(widths, worst)
-    return found
+    return lost
 
 
 def covariance(
@@ -336,8 +335,9 @@ def covariance(
     """Covariance of the unknowns.
 
     Args:
-        errors: by what counts as large, shape (T, N). derivatives: by the unknowns, (T, N, U).
-        pieces: which piece each frame is of, rising from 0, shape (T,).
+        errors: in units of what counts as large, shape (T, N). derivatives: by the unknowns, (T, N,
+            U).
+        pieces: number of the piece of each frame, rising from 0, shape (T,).
         disturbed: changes of the errors by noise of the starts, shape (T, N) each.
     """
     weights = 1.0 / np.sqrt(1.0 + errors**2)
@@ -361,8 +361,8 @@ def _long_run(scores: Array, lags: int) -> Array:
     """Sum of the autocovariance of scores (T, U) over the lags, with falling weights."""
     spread = scores.T @ scores
     for lag in range(1, min(lags, len(scores))):
-        both = (1.0 - lag / lags) * scores[lag:].T @ scores[:-lag]
-        spread = spread + both + both.T
+        product = (1.0 - lag / lags) * scores[lag:].T @ scores[:-lag]
+        spread = spread + product + product.T
     return spread
 
 

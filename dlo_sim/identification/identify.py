@@ -40,16 +40,15 @@ class Identified:
     """The result of an identification.
 
     Attributes:
-        scene: with the numbers fitted to all pieces. fit: of all pieces.
-        scores: of the training and the left-out pieces with the numbers of the first fit, and of
-            all pieces with those of the last; of markers.
+        scene, fit: fitted to all pieces.
+        scores: of markers: training and left-out pieces with the first fit, all pieces with the
+            last.
         reactions: axis by axis, of a recording of forces.
-        failures: pieces that the scene with the fitted numbers could not simulate to their end.
-        pieces: number of pieces. left_out: of them not seen by the first fit.
+        failures: pieces that the fitted scene could not simulate to their end.
+        pieces, left_out: numbers of all pieces, and of those not seen by the first fit.
         recordings, predicted: all pieces and what the first fit predicts of them.
-        seconds: it took.
-        error: estimated error of the predicted places due to the discretisation; None if it was not
-            estimated. advice: what cures one above accuracy.target, one line; else empty.
+        seconds: duration. error: estimated discretisation error of the predicted places, or None.
+        advice: the cure of an error above accuracy.target, one line; else empty.
     """
 
     scene: Scene
@@ -81,15 +80,15 @@ def identify(
 
     Args:
         asked: scene keys that the data and `COMPUTATION` do not override.
-        keys: to fit, all if empty. left_out: share of the pieces. piece: their duration [s].
+        keys: to fit, all if empty. left_out: fraction of the pieces. piece: their duration [s].
         progress, tell: as in `fit`.
 
     Raises:
         FitError: keys that cannot be fitted, or no scipy. SceneError: an impossible scene.
     """
     began = time.perf_counter()
-    given = {**COMPUTATION, **recordings[0].known, **asked}
-    base = prepared(scene.with_values(given))
+    values = {**COMPUTATION, **recordings[0].known, **asked}
+    base = prepared(scene.with_values(values))
     if recordings[0].forces is not None:
         _check_alone(base)
     pieces = tuple(part.smoothed(base) for one in recordings for part in one.pieces(piece))
@@ -107,13 +106,13 @@ def identify(
     problem = Problem(base, unknowns, pieces)
     away = int(left_out * len(pieces))
     first = replace(problem, recordings=pieces[: len(pieces) - away])
-    found = fit(first, workers, lambda share: progress(0.6 * share if away else share), tell)
-    predicted = last = predicted_of(found.scene, pieces, workers, found.sensor)
+    result = fit(first, workers, lambda done: progress(0.6 * done if away else done), tell)
+    predicted = last = predicted_of(result.scene, pieces, workers, result.sensor)
     scores = _scores(TRAINING, pieces[: len(pieces) - away], predicted)
     if away:
         scores |= _scores(LEFT_OUT, pieces[-away:], predicted[-away:])
-        found = fit(problem, workers, lambda share: progress(0.6 + 0.4 * share), tell, found)
-        last = predicted_of(found.scene, pieces, workers, found.sensor)
+        result = fit(problem, workers, lambda done: progress(0.6 + 0.4 * done), tell, result)
+        last = predicted_of(result.scene, pieces, workers, result.sensor)
         scores |= _scores(ALL, pieces, last)
     failures = [
         f"{one.name}: {made.failure}"
@@ -123,14 +122,14 @@ def identify(
     for failure in failures:
         tell(f"the fitted scene fails in {failure}; its last good shape counts from there on")
     error, advice = None, ""
-    if found.scene.estimates_errors and not failures:
-        error, advice = position_error(found.scene, pieces, last, workers, found.sensor)
+    if result.scene.estimates_errors and not failures:
+        error, advice = position_error(result.scene, pieces, last, workers, result.sensor)
     shape = {"initial.shape": asked.get("initial.shape", scene.initial.shape)}
-    if not any(found.scene.cable.rest_curvature_2):
+    if not any(result.scene.cable.rest_curvature_2):
         shape["cable.rest_curvature_2"] = [0.0]
     return Identified(
-        found.scene.with_values(shape),
-        found,
+        result.scene.with_values(shape),
+        result,
         scores,
         [row for one, made in zip(pieces, last, strict=True) for row in reaction(one, made)],
         failures,
@@ -148,8 +147,8 @@ def _scores(
     title: str, pieces: Sequence[Measurement], predicted: Sequence[Prediction]
 ) -> dict[str, Score]:
     """Mean score of the pieces under a title; nothing where there are no markers."""
-    both = zip(pieces, predicted, strict=False)
-    scores = [score(one, made.markers) for one, made in both if one.markers.size]
+    pairs = zip(pieces, predicted, strict=False)
+    scores = [score(recording, made.markers) for recording, made in pairs if recording.markers.size]
     return {title: mean_score(scores)} if scores else {}
 
 

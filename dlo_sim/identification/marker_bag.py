@@ -25,17 +25,17 @@ MARKERS = (cdr.POSE_ARRAY, cdr.MARKER_ARRAY, cdr.POINT_CLOUD)
 
 
 def read_marker_bag(path: Path, topics: Mapping[str, str]) -> Measurement:
-    """The recording in a bag: PoseArray, MarkerArray or PointCloud2 of the markers in their order
-    from start to end, or a WrenchStamped of the load on the start, and a PoseStamped topic for each
-    end effector.
+    """The recording in a bag: markers in order from start to end (PoseArray, MarkerArray,
+    PointCloud2), or WrenchStamped of the load on the start, and a PoseStamped topic for each end
+    effector.
 
     Args:
         topics: `markers` or `force`, `start`, `end` -> topic; by default the only one of markers,
-            else the only wrench, and the pose topics in whose names `start` and `end` stand, or the
-            only one as start.
+            else the only wrench, and the pose topics with `start` and `end` in their names, or the
+            only one.
 
     Raises:
-        MeasurementError: no bag, or topics that are not there or not the only ones.
+        MeasurementError: no bag, or topics that are missing or not the only ones.
     """
     try:
         bag = Bag(path)
@@ -52,11 +52,11 @@ def read_marker_bag(path: Path, topics: Mapping[str, str]) -> Measurement:
                 stamp, _, points = cdr.decode_points(message.type, message.data)
                 stamped[name].append((stamp, checked_points(f"{path}: {message.topic}", points)))
             else:
-                found = cdr.decode(message.type, message.data)
-                frames.setdefault(name, found.frame_id)
-                (check_finite if name == "force" else check_pose)(found.values)
-                values = np.array(found.values[:3] if name == "force" else found.values)
-                stamped[name].append((found.stamp_ns, values))
+                decoded = cdr.decode(message.type, message.data)
+                frames.setdefault(name, decoded.frame_id)
+                (check_finite if name == "force" else check_pose)(decoded.values)
+                values = np.array(decoded.values[:3] if name == "force" else decoded.values)
+                stamped[name].append((decoded.stamp_ns, values))
         except Refused as refused:
             raise MeasurementError(f"{path}: {message.topic}: {refused.detail}") from None
         except cdr.DecodeError as trouble:
@@ -90,13 +90,13 @@ def _chosen(bag: Bag, topics: Mapping[str, str]) -> dict[str, tuple[str, str]]:
     if not {"markers", "force"} & set(chosen):
         markers = [topic for topic, kind in kinds.items() if kind in MARKERS]
         forces = [topic for topic, kind in kinds.items() if kind == cdr.WRENCH_STAMPED]
-        name, found = ("markers", markers) if markers else ("force", forces)
-        if len(found) != 1:
+        name, topics_of_kind = ("markers", markers) if markers else ("force", forces)
+        if len(topics_of_kind) != 1:
             raise MeasurementError(
                 f"{bag.path}: {len(markers)} topics hold markers, {len(forces)} a force; name one "
                 f"by --topic markers=TOPIC or --topic force=TOPIC of {topic_list(bag.topics)}"
             )
-        chosen[name] = found[0], kinds[found[0]]
+        chosen[name] = topics_of_kind[0], kinds[topics_of_kind[0]]
     if not {"start", "end"} & set(chosen):
         poses = [topic for topic, kind in kinds.items() if kind == cdr.POSE_STAMPED]
         for end in ("start", "end") if len(poses) > 1 else ("start",):
@@ -112,9 +112,7 @@ def _chosen(bag: Bag, topics: Mapping[str, str]) -> dict[str, tuple[str, str]]:
 
 
 def _recording(path: Path, stamped: Mapping[str, list[tuple[int, Array]]]) -> Measurement:
-    """Frames of the markers or forces with the poses interpolated to their stamps, where all are
-    known.
-    """
+    """Frames of the markers or forces, with the poses interpolated to their stamps where known."""
     for name, messages in stamped.items():
         if len(messages) < 3:
             raise MeasurementError(f"{path}: {len(messages)} messages of {name}; record more")
@@ -166,6 +164,6 @@ def _rows(messages: list[tuple[int, Array]]) -> tuple[NDArray[np.int64], Array]:
 def _interpolated(known: Array, rows: Array, times: Array) -> Array:
     """Poses at other times: positions evenly, orientations the shorter way."""
     k = np.clip(np.searchsorted(known, times, side="right") - 1, 0, len(known) - 2)
-    share = np.clip((times - known[k]) / (known[k + 1] - known[k]), 0.0, 1.0)
-    position = rows[k, :3] + share[:, None] * (rows[k + 1, :3] - rows[k, :3])
-    return np.hstack([position, rotations.slerp(rows[k, 3:], rows[k + 1, 3:], share)])
+    fraction = np.clip((times - known[k]) / (known[k + 1] - known[k]), 0.0, 1.0)
+    position = rows[k, :3] + fraction[:, None] * (rows[k + 1, :3] - rows[k, :3])
+    return np.hstack([position, rotations.slerp(rows[k, 3:], rows[k + 1, 3:], fraction)])

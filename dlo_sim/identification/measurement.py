@@ -22,9 +22,8 @@ LEAST_FRAMES = START_FRAMES + 1
 DIFFERENCE = 4  # order of the differences of frames that are noise and no motion
 NORMAL_MEDIAN = 0.6745  # of |x|, x normal
 FARTHEST = 1e4  # [m] of a marker from the origin
-# Direction of the cable in the frame of a gripper that is known by two markers, and how that frame
-# stands where the cable leaves the start straight down and comes up to the end: the y axis is the
-# world's. The roll of such a gripper is not measured; its frame turns by the least rotation.
+# Direction of the cable in the frame of a gripper with two markers, and the orientation of that
+# frame where the cable leaves the start straight down and comes up to the end (y of the world).
 TANGENT = (-1.0, 0.0, 0.0)
 _HANGING = {
     "start": ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)),
@@ -41,14 +40,12 @@ class Measurement:
     """One piece of motion.
 
     Attributes:
-        name: for people.
-        times: of the frames [s], rising from 0, shape (F,).
-        markers: on the free cable, in their order from start to end [m], NaN where missing, shape
-            (F, M, 3).
+        name: for people. times: of the frames [s], rising from 0, shape (F,).
+        markers: on the free cable, from start to end [m], NaN where missing, shape (F, M, 3).
         poses: end -> position [m] and quaternion x, y, z, w of its end effector, shape (F, 7).
-        shares: material coordinates of the markers in lengths of the cable, shape (M,).
+        shares: material coordinates of the markers as fractions of the length, shape (M,).
         known: scene key -> value that the data give.
-        counted: markers that the mean of an error also counts because they are known, with none.
+        counted: number of markers on the grippers, which the mean of an error counts with none.
         forces: load of the cable on the end effectors [N], shape (F, 3); None where not measured.
             Such a recording starts from rest.
 
@@ -79,8 +76,8 @@ class Measurement:
             )
 
     def pieces(self, duration: float) -> list[Measurement]:
-        """Parts of about this duration [s] and of `LEAST_FRAMES` or more, each from time 0; what
-        starts from rest is one.
+        """Parts of about this duration [s] and at least `LEAST_FRAMES`, each from time 0; not of
+        forces.
         """
         if self.forces is not None:
             return [self]
@@ -101,8 +98,8 @@ class Measurement:
         )
 
     def disturbed(self, rng: np.random.Generator) -> Measurement:
-        """With noise on the markers from which it starts, as large as that of all frames is by the
-        differences between five known ones that follow each other.
+        """With noise on the first markers, as large as that of all frames, which is estimated from
+        the differences between five successive known ones.
         """
         paths = self.markers.reshape(len(self.times), -1).T
         known = [path[np.isfinite(path)] for path in paths]  # coordinates of frames that are there
@@ -133,16 +130,12 @@ def _smoothed(times: Array, path: Array, half_window_ns: int) -> Array:
         a, b, c, d = turn
         waiting.add(Pose(round(1e9 * time), (x, y, z), (a, b, c, d)))
     waiting.settle()
-    found = [waiting.take() for _ in times]
-    return np.array([(*pose.position, *pose.orientation) for pose in found])
+    smoothed = [waiting.take() for _ in times]
+    return np.array([(*pose.position, *pose.orientation) for pose in smoothed])
 
 
 def checked_points(name: str, points: Array) -> Array:
-    """Measured points as they are.
-
-    Raises:
-        MeasurementError: a coordinate is infinite or beyond `FARTHEST`; NaN is allowed.
-    """
+    """Measured points, NaN allowed; MeasurementError if infinite or beyond `FARTHEST`."""
     farthest = np.nanmax(np.abs(points), initial=0.0)
     if farthest > FARTHEST:
         raise MeasurementError(
@@ -155,11 +148,8 @@ def checked_points(name: str, points: Array) -> Array:
 def poses_of_two_markers(end: str, first: Array, second: Array) -> Array:
     """Poses (F, 7) of a gripper that holds the cable midway between two markers (F, 3).
 
-    The x axis points from the second to the first; from frame to frame the orientation changes by
-    the least rotation.
-
-    Raises:
-        MeasurementError: a marker is missing, or both are at the same place.
+    The x axis points from the second to the first; the frame turns by the least rotation. Raises
+    MeasurementError if a marker is missing, or both are at the same place.
     """
     distance = np.linalg.norm(second - first, axis=1, keepdims=True)
     if not np.all(distance > 0.0):
@@ -174,11 +164,10 @@ def poses_of_two_markers(end: str, first: Array, second: Array) -> Array:
 
 
 def shares_along(points: Array) -> tuple[float, Array]:
-    """Length [m] between the first and the last of points (..., M, 3), by the medians of the
-    distances between neighbours, and the share of it at which each is, shape (M,).
+    """Length [m] of points (..., M, 3), by the medians of the distances between neighbours, and the
+    fraction of it at which each point is, shape (M,).
 
-    Raises:
-        MeasurementError: neighbours that are never known together, or at the same place.
+    Raises MeasurementError for neighbours that are never known together, or at the same place.
     """
     edges = np.linalg.norm(np.diff(points, axis=-2), axis=-1)
     edges = edges.reshape(-1, edges.shape[-1])

@@ -1,6 +1,4 @@
-"""What a scene predicts of a recording, from the same start with the same end effectors, and how
-far that is from the recording.
-"""
+"""Prediction of a recording by a scene, and its distance from the recording."""
 
 from __future__ import annotations
 
@@ -40,11 +38,7 @@ COMPUTATION: dict[str, object] = {
 
 @dataclass(frozen=True)
 class Sensor:
-    """How a force sensor reads, axis by axis, shape (3,) each.
-
-    Attributes:
-        delay: its reading belongs to poses so much earlier [s]. offset: added to the force [N].
-    """
+    """A force sensor, axis by axis, shape (3,): delay [s] of its reading, and its offset [N]."""
 
     delay: Sequence[float] = (0.0, 0.0, 0.0)
     offset: Sequence[float] = (0.0, 0.0, 0.0)
@@ -52,14 +46,12 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Of one recording.
+    """The prediction of one recording.
 
     Attributes:
         markers: [m], shape (F, M, 3). forces: as the sensor reads them [N], shape (F, 3).
-        failure: why and when the scene failed; empty if it did not. From then on its last good
-            state is kept.
-        seconds: wall-clock time of following the poses and evaluating the markers [s], without the
-            building of the simulator.
+        failure: why and when the scene failed, from where its last good state is kept; or empty.
+        seconds: wall-clock time of the simulation and the markers, without building the simulator.
     """
 
     markers: Array
@@ -69,10 +61,9 @@ class Prediction:
 
 
 def predict(scene: Scene, recording: Measurement, sensor: Sensor | None = None) -> Prediction:
-    """What the scene predicts from the start and the poses.
+    """The prediction of a scene from the start and the poses of a recording.
 
-    The start are the first frames of the markers; of a recording of forces it is the equilibrium at
-    the first pose.
+    It starts from the first frames of the markers, or from the equilibrium at the first pose.
     """
     poses = {end: (path[0, :3], path[0, 3:]) for end, path in recording.poses.items()}
     times = recording.times
@@ -104,11 +95,9 @@ def predict(scene: Scene, recording: Measurement, sensor: Sensor | None = None) 
 
 
 def load_on_robot(simulator: Simulator, times: Array, path: Array) -> Array:
-    """Load of the cable on what holds it [N], shape (K, 3).
+    """Load of the cable on its end effectors together [N], shape (K, 3): W - dP/dt + D.
 
-    It is W - dP/dt + D, with the weight W, the momentum P and the sum D of the damping forces, to
-    which internal ones add nothing. Point masses at the ends count; it is what several end
-    effectors bear together.
+    W is the weight, P the momentum and D the sum of the external damping forces, with point masses.
 
     Args:
         times: evenly rising [s], shape (K,). path: control points at these [m], shape (K, n, 3).
@@ -129,11 +118,7 @@ def load_on_robot(simulator: Simulator, times: Array, path: Array) -> Array:
 
 
 def interpolated(times: Array, grid: Array, rows: Array) -> Array:
-    """Rows at other times, linear between those of a grid; times of each column, or of all.
-
-    Args:
-        times: shape (T,), or (T, C) of C columns. grid: shape (K,). rows: shape (K, ...).
-    """
+    """Rows (K, ...) of a grid (K,), linearly at other times (T,), or (T, C) of C columns."""
     flat = rows.reshape(len(grid), -1)
     each = times if times.ndim == 2 else np.repeat(times[:, None], flat.shape[1], axis=1)
     columns = [np.interp(at, grid, column) for at, column in zip(each.T, flat.T, strict=True)]
@@ -154,24 +139,22 @@ def position_error(
     workers: Workers,
     sensor: Sensor | None = None,
 ) -> tuple[DiscretizationError, str]:
-    """Estimated error of the predicted places due to the discretisation, the largest of all
-    recordings, and what cures one above accuracy.target.
-
-    The places are the markers; of recordings of forces, points along the cable.
+    """Largest estimated discretisation error of the predicted markers (of forces, of points along
+    the cable) of all recordings, and the cure if it is above accuracy.target.
     """
     if recordings[0].forces is not None:
         shares = np.linspace(0.0, 1.0, POINTS)
         recordings = [replace(one, shares=shares) for one in recordings]
         predicted = predicted_of(scene, recordings, workers, sensor)
 
-    def places(found: Sequence[Prediction]) -> Array:
-        return np.concatenate([one.markers.reshape(-1, 1, 3) for one in found])
+    def places(predictions: Sequence[Prediction]) -> Array:
+        return np.concatenate([one.markers.reshape(-1, 1, 3) for one in predictions])
 
     def with_another(finer: Scene) -> Array:
-        found = predicted_of(finer, recordings, workers, sensor)
-        if failure := next((one.failure for one in found if one.failure), ""):
+        predictions = predicted_of(finer, recordings, workers, sensor)
+        if failure := next((one.failure for one in predictions if one.failure), ""):
             raise SceneError(failure)
-        return places(found)
+        return places(predictions)
 
     first = {end: (path[0, :3], path[0, 3:]) for end, path in recordings[0].poses.items()}
     return error_along(Simulator(scene, first), places(predicted), with_another)
@@ -194,14 +177,13 @@ def begin(simulator: Simulator, recording: Measurement, u: Array, frames: slice)
 
 @dataclass(frozen=True)
 class Score:
-    """Of one recording, in metres.
+    """The error of one prediction, in metres.
 
     Attributes:
-        l1: sum over the frames after the first two of the mean |error| of coordinates, by the
+        l1: mean |error| of coordinates, summed over the frames after the first two, divided by the
             number of all frames; markers on the grippers count with no error.
-        distance: mean distance of the free markers.
-        bias: mean distance of their mean errors from zero. slow: `l1` of the error averaged over
-            SLOW; fast: of the rest.
+        distance: mean distance of the free markers. bias: of their mean errors from zero.
+        slow, fast: `l1` of the error averaged over SLOW, and of the rest.
     """
 
     l1: float
@@ -242,8 +224,8 @@ def mean_score(scores: Sequence[Score]) -> Score:
 
 def _l1(recording: Measurement, error: Array) -> float:
     markers = error.shape[1]
-    share = markers / (markers + recording.counted) * len(error) / len(recording.times)
-    return float(np.nanmean(np.abs(error)) * share)
+    fraction = markers / (markers + recording.counted) * len(error) / len(recording.times)
+    return float(np.nanmean(np.abs(error)) * fraction)
 
 
 def _averaged(error: Array, window: int) -> Array:

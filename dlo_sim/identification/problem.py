@@ -30,11 +30,10 @@ class Unknown:
 
     Attributes:
         key: of the scene, or DELAY or OFFSET. at: place in its list, or None.
-        log: the fit sees the logarithm.
-        width: how far it is usually off; reach: how far it may go; both of what the fit sees.
-        least: what it may not fall below; of a logarithm its start where the scene has less.
-        most: what it may not exceed.
-        stage: unknowns of a stage join those of the earlier ones once these are fitted.
+        log: the fit uses the logarithm. width, reach: usual and largest change, in units of the
+            fit.
+        least, most: bounds; of a logarithm `least` is its start where the scene has less.
+        stage: unknowns of a stage are added once those of the earlier ones are fitted.
         extra: fitted only where its key is asked for.
     """
 
@@ -113,9 +112,9 @@ def plastic(scene: Scene) -> Scene:
 
 def prepared(scene: Scene) -> Scene:
     """The scene with its derived values as numbers and its curvature as a list, to be changed."""
-    cable, share = scene.cable, np.linspace(0.0, 1.0, POINTS)
-    one, other = (
-        np.interp(share, np.linspace(0.0, 1.0, len(values)), values).tolist()
+    cable, at = scene.cable, np.linspace(0.0, 1.0, POINTS)
+    first, second = (
+        np.interp(at, np.linspace(0.0, 1.0, len(values)), values).tolist()
         for values in (cable.rest_curvature, cable.rest_curvature_2)
     )
     return scene.with_values(
@@ -124,19 +123,15 @@ def prepared(scene: Scene) -> Scene:
             "cable.torsional_stiffness": cable.GJ,
             "cable.linear_density": cable.mu,
             "cable.axial_stiffness": cable.EA,
-            "cable.rest_curvature": one,
-            "cable.rest_curvature_2": other,
+            "cable.rest_curvature": first,
+            "cable.rest_curvature_2": second,
         }
     )
 
 
 @dataclass(frozen=True)
 class Problem:
-    """A scene with numbers to fit to recordings.
-
-    Attributes:
-        scene: `prepared`.
-    """
+    """A scene, `prepared`, with numbers to fit to recordings."""
 
     scene: Scene
     unknowns: tuple[Unknown, ...]
@@ -145,10 +140,10 @@ class Problem:
     def start(self) -> Array:
         """What the fit sees of the scene's own values."""
         values = self._values
-        found = [
+        start = [
             values[one.key] if one.at is None else values[one.key][one.at] for one in self.unknowns
         ]
-        return np.array([one.seen(value) for one, value in zip(self.unknowns, found, strict=True)])
+        return np.array([one.seen(value) for one, value in zip(self.unknowns, start, strict=True)])
 
     def at(self, seen: Array) -> tuple[Scene, Sensor]:
         """The scene and the sensor with these values."""
@@ -157,21 +152,17 @@ class Problem:
         return self.scene.with_values(values), Sensor(tuple(delay), tuple(offset))
 
     def errors(self, points: Sequence[Array], workers: Workers) -> list[Array]:
-        """For each of several vectors the errors of all recordings as `error_of` has them, shape
-        (T, N).
-        """
+        """For each of several vectors the errors of all recordings (`error_of`), shape (T, N)."""
         pairs = [(*self.at(seen), one) for seen in points for one in self.recordings]
-        found = list(workers.map(error_of, pairs))
+        errors = list(workers.map(error_of, pairs))
         count = len(self.recordings)
         return [
-            np.concatenate(found[first : first + count]) for first in range(0, len(found), count)
+            np.concatenate(errors[first : first + count]) for first in range(0, len(errors), count)
         ]
 
     @property
     def noise(self) -> float:
-        """Of the measurements before the fit, by MARKER or FORCE: that of a force is what the arm's
-        shocks do to a sensor on it.
-        """
+        """Noise of the measurements by MARKER or FORCE; of a force, that of the arm's shocks."""
         return MARKER_NOISE if self.recordings[0].forces is None else FORCE_NOISE
 
     @property
@@ -193,12 +184,12 @@ class Problem:
         """Key -> value."""
         present = self._values
         changed: dict[str, Any] = {}
-        for one, number in zip(self.unknowns, seen, strict=True):
-            if one.at is None:
-                changed[one.key] = one.value(number)
+        for unknown, number in zip(self.unknowns, seen, strict=True):
+            if unknown.at is None:
+                changed[unknown.key] = unknown.value(number)
             else:
-                row = changed.setdefault(one.key, list(present[one.key]))
-                row[one.at] = one.value(number)
+                row = changed.setdefault(unknown.key, list(present[unknown.key]))
+                row[unknown.at] = unknown.value(number)
         axis = changed.get("cable.rest_curvature_axis")
         if axis is not None:
             changed["cable.rest_curvature_axis"] = (np.array(axis) / np.linalg.norm(axis)).tolist()
@@ -212,13 +203,13 @@ def compared(recording: Measurement) -> slice:
 
 
 def error_of(item: tuple[Scene, Sensor, Measurement]) -> Array:
-    """Predicted less measured markers by MARKER and forces by FORCE at the frames compared, shape
-    (T, 3 M), with forces (T, 3 M + 3); 0 where one is missing.
+    """Predicted less measured markers by MARKER and forces by FORCE at the compared frames, shape
+    (T, 3 M) or (T, 3 M + 3); 0 where one is missing.
     """
     scene, sensor, recording = item
-    found, chosen = predict(scene, recording, sensor), compared(recording)
-    markers = (found.markers - recording.markers)[chosen] / MARKER
+    predicted, chosen = predict(scene, recording, sensor), compared(recording)
+    markers = (predicted.markers - recording.markers)[chosen] / MARKER
     rows = [markers.reshape(len(markers), -1)]
     if recording.forces is not None:
-        rows.append((found.forces - recording.forces)[chosen] / FORCE)
+        rows.append((predicted.forces - recording.forces)[chosen] / FORCE)
     return np.nan_to_num(np.hstack(rows))

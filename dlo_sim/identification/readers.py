@@ -27,7 +27,7 @@ CLAMPED = [0, 1, -2, -1]
 # Numbers of a .npz file -> least and most.
 RANGES = {"rate_hz": (0.1, 1e5), "length_m": (0.01, 1e3), "mass_g": (1e-3, 1e5)}
 NPZ_KEYS = ("pos_um", *RANGES, "clamped")
-DOUBT = 2.0  # between the length given and that along the markers, from which one must be wrong
+DOUBT = 2.0  # ratio of `length_m` and the length along the markers from which one is wrong
 
 
 def read_recordings(
@@ -35,11 +35,8 @@ def read_recordings(
 ) -> list[Measurement]:
     """The pieces of motion in a file: `.npz` of markers, or a bag.
 
-    Args:
-        topics: of a bag, `markers`, `start` and `end`: by default the only ones of their types.
-
-    Raises:
-        MeasurementError: there is no such file, or it does not hold that.
+    `topics` of a bag: `markers`, `start` and `end`, by default the only ones of their types. Raises
+    MeasurementError if there is no such file, or it does not hold that.
     """
     place = Path(path)
     if not place.exists():
@@ -52,16 +49,16 @@ def read_recordings(
 
 
 def _read_npz(path: Path) -> list[Measurement]:
-    """Markers of several pieces: `pos_um` [1e-6 m] (pieces, F, M, 3), `rate_hz`, `clamped` (the two
-    first and two last markers), `length_m`, `mass_g`.
+    """Markers of several pieces: `pos_um` [1e-6 m] (pieces, F, M, 3), `rate_hz`, `clamped`,
+    `length_m`, `mass_g`.
     """
-    given = _arrays(path)
+    arrays = _arrays(path)
     try:
-        numbers = {key: _number(key, given[key]) for key in RANGES}
-        clamped = arguments.numbers("clamped", given["clamped"], (None,)).tolist()
+        numbers = {key: _number(key, arrays[key]) for key in RANGES}
+        clamped = arguments.numbers("clamped", arrays["clamped"], (None,)).tolist()
         if clamped != CLAMPED:
             raise MeasurementError(f"clamped: {clamped}; give {CLAMPED}: two markers an end")
-        return _pieces(printable(path.stem), _positions(given["pos_um"]), **numbers)
+        return _pieces(printable(path.stem), _positions(arrays["pos_um"]), **numbers)
     except (MeasurementError, TypeError, ValueError) as refusal:
         raise MeasurementError(f"{path}: {refusal}") from None
 
@@ -101,26 +98,26 @@ def _pieces(
 def _arrays(path: Path) -> dict[str, Any]:
     """The arrays with the names of `NPZ_KEYS`."""
     try:
-        given = read_npz(path, NPZ_KEYS)
+        arrays = read_npz(path, NPZ_KEYS)
     except NpzRefused as refused:
         raise MeasurementError(f"{path}: {refused}; give a .npz file") from None
-    missing = [key for key in NPZ_KEYS if key not in given]
+    missing = [key for key in NPZ_KEYS if key not in arrays]
     if missing:
         raise MeasurementError(f"{path}: has no {missing[0]}; it needs {', '.join(NPZ_KEYS)}")
-    return given
+    return arrays
 
 
-def _number(key: str, given: object) -> float:
+def _number(key: str, array: object) -> float:
     """A number within its range."""
-    value, (least, most) = arguments.number(key, given), RANGES[key]
+    value, (least, most) = arguments.number(key, array), RANGES[key]
     if not least <= value <= most:
         raise MeasurementError(f"{key}: {value:g} is out of range; give {least:g} to {most:g}")
     return value
 
 
-def _positions(given: object) -> Array:
+def _positions(array: object) -> Array:
     """Markers [m], shape (pieces, F, M, 3)."""
-    markers = np.asarray(given)
+    markers = np.asarray(array)
     wanted = "give numbers (pieces, frames, 5 or more, 3), NaN for missing markers"
     if markers.dtype.kind not in "iuf":
         raise MeasurementError(f"pos_um: holds {markers.dtype}; {wanted}")

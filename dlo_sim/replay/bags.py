@@ -1,9 +1,8 @@
 """Bags on disk: the only place that knows the bag library, which writes. Raw CDR in and out.
 
 Reads rosbag2 directories and single `.mcap` or `.db3` files, also packed (`.mcap.zstd`). A bag that
-was cut off (a full disk, a killed recorder) or damaged is read as far as it goes; `Bag.damage` says
-what is wrong. Written bags hold neither the wall time nor the path they were written to, so the
-same messages give the same bytes wherever they go.
+was cut off or damaged is read as far as it goes; `Bag.damage` says what is wrong. Written bags hold
+neither wall time nor path, so the same messages give the same bytes.
 """
 
 from __future__ import annotations
@@ -33,14 +32,13 @@ Storage = Literal["mcap", "sqlite3"]
 
 _PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 _ROS_1 = ".bag"
-# Later times of recording than this, in 2038, are none: seconds have 32 bits in ROS.
+# Later times of recording than this, in 2038, are invalid: seconds have 32 bits in ROS.
 _END_OF_TIME = (2**31 - 86_400) * 1_000_000_000
 _LONGEST_LINE = 300
 _MOST_TOPICS = 20  # in a message
 _PER_COMMIT = 200  # messages
 _DISK_ERRORS = (OSError, sqlite3.Error)
-# Messages written in another order than recorded are sorted within so many nanoseconds: recorders
-# write what comes from several threads, and keep what they sort.
+# [ns] within which messages are sorted by their recording: recorders have several threads.
 _MOST_LATE = 10_000_000_000
 _PROGRESS_MESSAGES = 1000
 # If a recording begins before this, zero may be its first time; if later, zero is no time.
@@ -54,23 +52,22 @@ class BagError(Exception):
 class Bag:
     """A bag for reading.
 
-    Opening reads the whole bag once, without the contents of its messages: what is damaged is known
-    before anything is computed from it.
+    Opening reads the whole bag once, without the contents of its messages, so that damage is known
+    before anything is computed.
 
     Args:
         path: a rosbag2 directory, or one data file, `.mcap`, `.db3`, `.mcap.zstd` or `.db3.zstd`.
-        progress: called now and then with the fraction read, if the metadata promise a number.
+        progress: called with the fraction read, if the metadata promise a number.
 
     Attributes:
         storage: `mcap` or `sqlite3`.
-        topics: topic -> ROS types found on it (more than one is possible).
+        topics: topic -> ROS types on it (more than one is possible).
         damage: what is wrong with the bag, one line; "" = nothing so far (reading may find more).
-        count: number of messages that can be read, all topics.
-        undated: number of them that were recorded at zero: before /clock began, a recorder that
+        count, promised: number of readable messages, and that of the metadata, None if unknown.
+        undated: number of messages that were recorded at zero: before /clock began, a recorder that
             follows it knows no time. They count as recorded with the message written before them,
             the first ones with the first that has a time, or are left out if they have no stamp
             either. If none has a time, they count as recorded at their stamps.
-        promised: number of messages that the metadata promises, None if unknown.
         span_ns: first and last time of recording [ns]; zeros if there is no message.
 
     Raises:
@@ -143,11 +140,10 @@ class Bag:
             self._note(f"metadata.yaml promises {self.promised} messages, {self.count} were found")
 
     def messages(self, wanted: Mapping[str, str]) -> Iterator[Record]:
-        """Messages of these topics (topic -> type) in the order of recording, those of one time in
-        the order of writing.
+        """Messages of these topics (topic -> type) in the order of recording, then of writing.
 
-        They are kept back only as long as one behind them may be older, 10 s at most; one that is
-        written later than that comes out of order (`damage` says so).
+        A message is kept back while one behind it may be older, 10 s at most; one that is written
+        later than that comes out of order (`damage` says so).
         """
         waiting: list[tuple[int, int, Record]] = []
         latest, dated = self._first_written, False
@@ -197,8 +193,8 @@ class Bag:
 class _CommittingWriter(Sqlite3Writer):
     """Commits now and then: a transaction that ends on a full disk is lost as a whole.
 
-    It relies on the attributes `conn` here and `STORAGE_PLUGINS` below, which the library does not
-    document: writing schema, definitions and metadata ourselves would take a hundred lines.
+    It relies on undocumented attributes of the library, `conn` and `STORAGE_PLUGINS`: writing
+    schema, definitions and metadata ourselves would take a hundred lines.
     """
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
@@ -226,7 +222,7 @@ class BagWriter:
         storage: `mcap` or `sqlite3`.
 
     Attributes:
-        failure: why the bag is incomplete (the disk is full), one line; "" = nothing is wrong.
+        failure: why the bag is incomplete (the disk is full), one line; or "".
 
     Raises:
         BagError: the place is taken or cannot be written.
@@ -260,10 +256,8 @@ class BagWriter:
             undo.pop_all()
 
     def write(self, topic: str, time_ns: int, data: bytes) -> None:
-        """Append one serialised message.
-
-        Raises:
-            BagError: the disk refuses; `finish` keeps what was written before.
+        """Append one serialised message; BagError if the disk is full (`finish` keeps earlier
+        ones).
         """
         try:
             self._writer.write(self._connections[topic], time_ns, data)
@@ -272,10 +266,8 @@ class BagWriter:
             raise BagError(self.failure) from None
 
     def finish(self) -> None:
-        """Complete the bag and put it in its place, also an incomplete one after a `failure`.
-
-        Raises:
-            BagError: the place was taken meanwhile.
+        """Complete the bag, also after a `failure`, and move it into place; BagError if that is
+        taken.
         """
         try:
             if not self.failure:
@@ -331,9 +323,7 @@ def is_bag(path: Path) -> bool:
 
 
 def _data_files(path: Path) -> list[Path]:
-    """The files of a bag that hold messages, in the order of their numbers; of one that is there
-    both packed and unpacked, the unpacked one.
-    """
+    """The files of a bag that hold messages, in the order of their numbers; unpacked ones first."""
     if path.is_file() and storage.is_data_file(path):
         return [path]
     inside = sorted(path.iterdir()) if path.is_dir() else [path]

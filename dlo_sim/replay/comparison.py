@@ -45,18 +45,13 @@ class AxisComparison:
     """One axis of a predicted force against the measured one, world frame.
 
     Attributes:
-        axis: x, y or z.
-        samples: measured samples compared.
+        axis: x, y or z. samples: measured samples compared.
         correlation: Pearson's, at the recorded times; NaN if either side is constant.
-        rms_error: root mean square of predicted - measured [N].
-        bias: mean of predicted - measured [N].
-        rms_measured: root mean square of the measured force [N].
-        spread_measured: standard deviation of the measured force [N]; an error below it says more
-            than a constant.
+        rms_error, bias: root mean square and mean of predicted - measured [N].
+        rms_measured, spread_measured: root mean square and standard deviation of the measured force
+            [N]; a prediction is better than a constant if its error is below the latter.
         lag: delay of the prediction [s] that correlates best, within +-0.15 s; positive = the
-            measurement is later.
-        lag_correlation: the correlation at that delay.
-        lag_rms_error: the rms error at that delay [N].
+            measurement is later. lag_correlation, lag_rms_error [N]: at that delay.
     """
 
     axis: str
@@ -81,15 +76,13 @@ def compare_reaction(
     """Compare axis by axis at the measured times that the prediction covers at every lag.
 
     Args:
-        predicted_times: increasing [s], shape (n,); predicted_force: [N], shape (n, 3), load ON THE
-            CABLE BY the end effector.
-        measured_times: increasing [s], shape (m,); measured_force: [N], shape (m, 3), same axes.
-        sign: the measurement is this times what was predicted; -1 for a sensor that reads the load
-            of the cable ON THE ROBOT.
+        predicted_times, measured_times: increasing [s], shapes (n,), (m,).
+        predicted_force: [N], shape (n, 3), load ON THE CABLE BY the end effector.
+        measured_force: [N], shape (m, 3), same axes.
+        sign: of the measurement; -1 for a sensor that reads the load of the cable ON THE ROBOT.
 
     Raises:
-        ValueError: fewer than three measured samples overlap the prediction (both time spans are
-            named).
+        ValueError: fewer than three measured samples overlap the prediction (names both spans).
     """
     times, force = np.asarray(predicted_times, float), np.asarray(predicted_force, float)
     at, measured = np.asarray(measured_times, float), sign * np.asarray(measured_force, float)
@@ -105,19 +98,19 @@ def compare_reaction(
         )
     rows = []
     for k, axis in enumerate("xyz"):
-        found = np.interp(at[inside], times, force[:, k])
-        wanted = measured[inside, k]
-        error = found - wanted
-        lag, lag_correlation, lag_rms = _best_lag(times, force[:, k], at[inside], wanted)
+        predicted = np.interp(at[inside], times, force[:, k])
+        recorded = measured[inside, k]
+        error = predicted - recorded
+        lag, lag_correlation, lag_rms = _best_lag(times, force[:, k], at[inside], recorded)
         rows.append(
             AxisComparison(
                 axis=axis,
                 samples=int(np.count_nonzero(inside)),
-                correlation=_correlation(found, wanted),
+                correlation=_correlation(predicted, recorded),
                 rms_error=_rms(error),
                 bias=float(error.mean()),
-                rms_measured=_rms(wanted),
-                spread_measured=float(wanted.std()),
+                rms_measured=_rms(recorded),
+                spread_measured=float(recorded.std()),
                 lag=lag,
                 lag_correlation=lag_correlation,
                 lag_rms_error=lag_rms,
@@ -142,24 +135,22 @@ def comparison_table(rows_by_end: Mapping[str, Sequence[AxisComparison]]) -> str
     return "\n".join(lines)
 
 
-def _best_lag(times: Array, force: Array, at: Array, wanted: Array) -> tuple[float, float, float]:
-    """Delay of the prediction with the largest correlation, that correlation, and the rms error
-    there.
-    """
+def _best_lag(times: Array, force: Array, at: Array, recorded: Array) -> tuple[float, float, float]:
+    """Delay of the prediction with the largest correlation, that correlation, and its rms error."""
     reach = min(LONGEST_LAG, 0.25 * (at[-1] - at[0]))
     inner = (at - reach >= times[0]) & (at + reach <= times[-1])
     if np.count_nonzero(inner) < 3:
         return math.nan, math.nan, math.nan
-    at, wanted = at[inner], wanted[inner]
+    at, recorded = at[inner], recorded[inner]
     count = round(reach / _LAG_STEP)
     best = (math.nan, -math.inf, math.nan)
     for lag in np.arange(-count, count + 1) * _LAG_STEP:
-        found = np.interp(at - lag, times, force)
-        correlation = _correlation(found, wanted)
+        predicted = np.interp(at - lag, times, force)
+        correlation = _correlation(predicted, recorded)
         if math.isnan(correlation):
             return math.nan, math.nan, math.nan
         if correlation > best[1]:
-            best = (float(lag), correlation, _rms(found - wanted))
+            best = (float(lag), correlation, _rms(predicted - recorded))
     return best
 
 

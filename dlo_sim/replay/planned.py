@@ -37,12 +37,10 @@ class PlanError(Exception):
 def read_plan(path: Path, scene: Scene, number: int | None = None) -> Plan:
     """The planned motion in a file, from time 0 on.
 
-    In a bag that is the only MultiDOFJointTrajectory, or, without one, what the pose topics of the
-    scene say while all of them are there, at all their stamps. A YAML or npz file holds `times` [s]
-    and for each end or grasp that moves poses x, y, z [m] and quaternion x, y, z, w, shape (T, 7).
-
-    Args:
-        number: of the trajectory, from 1, where a bag holds several.
+    In a bag that is the only MultiDOFJointTrajectory (or its `number`, from 1), or the poses on the
+    pose topics of the scene at all their stamps that all topics cover. A YAML or npz file holds
+    `times` [s] and for each end or grasp that moves poses x, y, z [m] and quaternion x, y, z, w,
+    shape (T, 7).
 
     Raises:
         PlanError: there is no such motion in it, or one that the scene cannot make.
@@ -50,10 +48,10 @@ def read_plan(path: Path, scene: Scene, number: int | None = None) -> Plan:
     from dlo_sim.simulation.forecast import Plan
 
     try:
-        found = _in_bag(Bag(path), scene, number) if is_bag(path) else _in_file(path)
-        check_plan(scene, found)
-        times = found.times - found.times[0]
-        poses = dict(zip(found.joints, np.moveaxis(found.poses, 1, 0), strict=True))
+        trajectory = _in_bag(Bag(path), scene, number) if is_bag(path) else _in_file(path)
+        check_plan(scene, trajectory)
+        times = trajectory.times - trajectory.times[0]
+        poses = dict(zip(trajectory.joints, np.moveaxis(trajectory.poses, 1, 0), strict=True))
         if len(times) < 2:
             raise PlanError(f"{path}: the plan has one pose; give two or more")
         for name, rows in poses.items():
@@ -68,40 +66,38 @@ def read_plan(path: Path, scene: Scene, number: int | None = None) -> Plan:
 def _in_file(path: Path) -> Trajectory:
     try:
         if path.suffix == ".npz":
-            given: object = read_npz(path)
+            values: object = read_npz(path)
         else:
-            given = parse_yaml(read_text(path))
-        if not isinstance(given, dict) or "times" not in given:
+            values = parse_yaml(read_text(path))
+        if not isinstance(values, dict) or "times" not in values:
             raise PlanError(f"{path}: has no times; {_FILE}")
-        times = arguments.numbers("times", given.pop("times"), (None,), "s")
+        times = arguments.numbers("times", values.pop("times"), (None,), "s")
         shape = len(times), 7
-        rows = [arguments.numbers(f"poses of {name}", one, shape) for name, one in given.items()]
+        rows = [arguments.numbers(f"poses of {name}", one, shape) for name, one in values.items()]
     except FileRefused as refusal:
         raise PlanError(f"{path}: {refusal.problem}; {_FILE}") from None
     except (NpzRefused, TypeError, ValueError) as refusal:
         raise PlanError(f"{path}: {refusal}; {_FILE}") from None
     poses = np.moveaxis(np.reshape(rows, (len(rows), *shape)), 0, 1)
-    return Trajectory(0, "", tuple(map(str, given)), times, poses)
+    return Trajectory(0, "", tuple(map(str, values)), times, poses)
 
 
 def _in_bag(bag: Bag, scene: Scene, number: int | None) -> Trajectory:
-    """The plan in a bag.
-
-    Raises:
-        PlanError, Refused: it holds none, several, or one that cannot be read.
+    """The plan in a bag; raises PlanError or Refused if there is none, several, or an unreadable
+    one.
     """
     planned = {
         topic: cdr.TRAJECTORY for topic, kinds in bag.topics.items() if cdr.TRAJECTORY in kinds
     }
-    found = [message.data for message in bag.messages(planned)]
+    plans = [message.data for message in bag.messages(planned)]
     if bag.damage:
         raise PlanError(f"{bag.path}: is damaged ({bag.damage}); record the plan again")
-    if not found:
+    if not plans:
         return _recorded(bag, scene)
-    if number is None and len(found) > 1 or not 1 <= (number or 1) <= len(found):
-        raise PlanError(f"{bag.path}: holds {len(found)} plans; give --number with one of them")
+    if number is None and len(plans) > 1 or not 1 <= (number or 1) <= len(plans):
+        raise PlanError(f"{bag.path}: holds {len(plans)} plans; give --number with one of them")
     try:
-        return decode_trajectory(found[(number or 1) - 1])
+        return decode_trajectory(plans[(number or 1) - 1])
     except cdr.DecodeError as trouble:
         raise PlanError(
             f"{bag.path}: its plan cannot be read ({trouble}); record it again"
@@ -125,7 +121,7 @@ def _recorded(bag: Bag, scene: Scene) -> Trajectory:
             f"{topic_list(bag.topics)}"
         )
     rows = _poses(bag, scene, entries)
-    stamps = [np.array(sorted(found)) for found in rows.values()]
+    stamps = [np.array(sorted(by_stamp)) for by_stamp in rows.values()]
     begin, end = max(one[0] for one in stamps), min(one[-1] for one in stamps)
     common = np.unique(np.concatenate(stamps))
     common = common[(common >= begin) & (common <= end)]
@@ -135,8 +131,8 @@ def _recorded(bag: Bag, scene: Scene) -> Trajectory:
         )
     times = (common - begin) * 1e-9
     poses = [
-        on_grid(times, (own - begin) * 1e-9, np.array([found[stamp] for stamp in own]))
-        for own, found in zip(stamps, rows.values(), strict=True)
+        on_grid(times, (own - begin) * 1e-9, np.array([by_stamp[stamp] for stamp in own]))
+        for own, by_stamp in zip(stamps, rows.values(), strict=True)
     ]
     return Trajectory(0, "", tuple(rows), times, np.stack(poses, axis=1))
 

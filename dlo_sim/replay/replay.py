@@ -1,5 +1,4 @@
-"""Replay: a recorded bag through a session into a new bag, offline, deterministic, as fast as it
-can.
+"""Replay: a recorded bag through a session into a new bag, offline and deterministic.
 
 Ticks follow the scene's rate in the time of the bag (the time of recording counts as arrival), so
 that a replay computes what the node would have computed live, bit for bit wherever arrival jitter
@@ -32,13 +31,10 @@ if TYPE_CHECKING:
     from dlo_sim.simulation.simulator import Simulator
 
 _DIAGNOSTICS_PERIOD = 1 * SECOND
-# A longer gap in the recording is not simulated through: the session starts over after it.
-LONGEST_GAP = 600 * SECOND
+LONGEST_GAP = 600 * SECOND  # in a recording, after which the session starts over
 _PROGRESS_TICKS = 100
-# Part of the progress that opening the bag counts for.
-_OPENING = 0.1
-# If more of a topic's messages are refused, the replay says so and is not `done`.
-MOST_REFUSED = 0.05
+_OPENING = 0.1  # of the progress, for opening the bag
+MOST_REFUSED = 0.05  # of a topic's messages; beyond it a replay is `refused`, not `done`
 
 
 @dataclass
@@ -46,15 +42,14 @@ class ReplayFigures:
     """How a replay ended, and its numbers.
 
     Attributes:
-        status: `done`; `truncated`: the bag is damaged, what could be read was used; `diverged`:
-            the simulator gave up; `refused`: more than 5 % of the messages of a topic could not be
-            used; `unresolved`: at some time the shape was no cable's; `output_incomplete`: the
-            disk was full, the output holds what was written until then.
+        status: `done`; `truncated`: the bag is damaged, its readable part was used; `diverged`: the
+            simulator failed; `refused`: more than 5 % of the messages of a topic were refused;
+            `unresolved`: at some time the shape was no cable's; `output_incomplete`: the disk was
+            full, the output holds what was written until then.
         message: one line that explains any status but `done`, else "".
         messages_used, messages_written: input and output messages.
-        simulated_s: simulated time [s]; wall_s: time for reading, stepping and writing [s] without
-            building the simulator; compile_s: time for building it [s]; real_time_factor:
-            simulated_s / wall_s.
+        simulated_s, wall_s, compile_s: simulated time; wall time for reading, stepping and writing;
+            wall time for building the simulator [s]. real_time_factor: simulated_s / wall_s.
     """
 
     status: str = "done"
@@ -74,21 +69,19 @@ class ReplayFigures:
 
 @dataclass
 class ReplaySummary(ReplayFigures):
-    """What a replay did.
+    """The results of a replay.
 
     Attributes:
         output: the bag written.
-        messages_copied: input messages that came again, as from a second recorder; ignored.
-        messages_refused: input messages; refused_by_reason: the same by reason; refused_by_topic:
-            topic -> reason -> number.
-        events: what else was counted (silences, resets, ...).
-        ticks: ticks of the session.
+        messages_copied: input messages that were recorded twice, and ignored.
+        messages_refused, refused_by_reason: of the input; refused_by_topic: topic -> reason ->
+            number.
+        events: what else was counted (silences, resets, ...). ticks: of the session.
         comparison: end -> rows per axis, for the ends asked for.
-        warnings: one line each.
-        resolution: how many control points, and why.
+        warnings: one line each. resolution: how many control points, and why.
         error_estimate: largest estimated position errors [m]: `time`, `space`, `total` (None =
             unknown); None if errors were not estimated (accuracy.estimate).
-        advice: the error if it exceeds accuracy.target, and what cures it, one line; else empty.
+        advice: the error if it exceeds accuracy.target, and its cure, one line; else empty.
     """
 
     output: str = ""
@@ -122,22 +115,20 @@ def replay_bag(
 
     Args:
         bag: rosbag2 directory, `.mcap` or `.db3` file.
-        scene: what is simulated; its topics are looked up in the bag, `~/x` as `/dlo_sim/x`.
+        scene: its topics are looked up in the bag, `~/x` as `/dlo_sim/x`.
         output: directory to create; must not exist.
         compare: end (`start`, `end`) -> recorded WrenchStamped topic, load of the cable on the
             robot, to compare the predicted reaction with.
-        progress: called now and then with the fraction done.
-        simulator_factory: as for `Session`.
+        progress: called with the fraction done. simulator_factory: as for `Session`.
 
     Raises:
-        ReplayError: refused input or output, before anything is written; or not one message of the
-            bag was usable.
+        ReplayError: refused input or output, before anything is written; or no usable message.
         ValueError: the simulator refuses the scene.
     """
     compare = dict(compare or {})
-    say = progress or (lambda share: None)
+    say = progress or (lambda fraction: None)
     try:
-        source = Bag(bag, lambda share: say(_OPENING * share))
+        source = Bag(bag, lambda fraction: say(_OPENING * fraction))
         wanted = _wanted_topics(source, scene, compare)
         outputs = {resolved(topic): kind for topic, kind in output_topics(scene).items()}
         writer = None if output is None else BagWriter(output, outputs, source.storage)
@@ -306,9 +297,7 @@ class _Replay:
             self._add("refused", "; ".join(lacking))
 
     def _run(self, messages: Iterator[Record]) -> None:
-        """Hand over what has arrived, tick, write; until the bag is exhausted and its last stamp
-        simulated.
-        """
+        """Receive, tick, write, until the bag is exhausted and its last stamp simulated."""
         session, summary = self._session, self.summary
         period = 1e9 / self._scene.rate
         message = next(messages, None)

@@ -1,9 +1,8 @@
-"""The files of bags: what `metadata.yaml` promises, and the messages of the data files, MCAP and
-sqlite3, packed or not, in the order of writing.
+"""The files of bags, MCAP and sqlite3, packed or not: metadata, and messages in the order of
+writing.
 
 Neither an index nor a whole file is needed: a recording that was cut off or damaged is read as far
-as it goes, and what is not whole is left out. What unpacks to far more than a recording of its size
-can hold is not unpacked any further.
+as it goes. Unpacking stops when the result is far larger than a recording can be.
 """
 
 from __future__ import annotations
@@ -30,16 +29,15 @@ from mcap.records import Channel, Chunk, Schema
 from dlo_sim.scene.plain_yaml import FileRefused, parse_yaml, read_text
 from dlo_sim.scene.refusal import brief
 
-# Heads of records; the records themselves are read by the mcap library, but for messages: its 7 us
-# for each would be a tenth of the time of a replay.
+# Heads of records. The mcap library reads all records but messages: its 7 us for each would be a
+# tenth of the time of a replay.
 _HEAD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
 _MAGIC = b"\x89MCAP0\r\n"
-# Both come with the bag library.
 _ZSTD = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
-_UNPACKERS = {"zstd": _ZSTD, "lz4": "lz4.frame"}
+_UNPACKERS = {"zstd": _ZSTD, "lz4": "lz4.frame"}  # both come with the bag library
 _PIECE = 1 << 16  # bytes unpacked at once
-# To so many bytes may a file be unpacked, and to so many for each of its own: black pictures stay
-# below that. Chunks and messages have to be in memory; writers make chunks of a few megabytes.
+# Limits of an unpacked file: bytes, and ratio to its own size, which black pictures do not reach.
+# Chunks and messages have to fit into memory; writers make chunks of a few megabytes.
 _LEAST_UNPACKED, _MOST_RATIO = 1 << 28, 1000
 _LARGEST_CHUNK = 1 << 28
 
@@ -49,10 +47,8 @@ _PACKED_MESSAGE = b"\x28\xb5\x2f\xfd"  # begins a packed message; no serialised 
 
 _METADATA = "metadata.yaml"
 _NEWEST = 9
-# What is packed: nothing, the data files as a whole, each message, or chunks of an MCAP file.
-_MODES = ("none", "file", "message", "storage")
-# A recording of hundreds of topics names the quality of service of each of their publishers.
-_MOST_VALUES = 100_000
+_MODES = ("none", "file", "message", "storage")  # what is packed; storage: chunks of an MCAP file
+_MOST_VALUES = 100_000  # of the metadata, which hold the QoS of each publisher
 
 
 class DamagedFile(Exception):
@@ -73,12 +69,11 @@ Wanted = Collection[tuple[str, str]] | None
 
 
 def records(path: Path, wanted: Wanted, note: Note) -> Iterator[Record]:
-    """Every whole message that can be read of a data file, in the order of writing.
+    """Every complete message that can be read of a data file, in the order of writing.
 
     Args:
-        path: the file.
         wanted: topics and types; None = all, with empty data.
-        note: called with what is wrong, one line, as often as something is.
+        note: called with each problem, one line.
     """
     try:
         if path.suffix == _PACKED:
@@ -116,20 +111,12 @@ def is_packed(data: bytes) -> bool:
 
 
 def unpacked_message(data: bytes) -> bytes:
-    """A packed message as it was.
-
-    Raises:
-        DamagedFile: it cannot be unpacked.
-    """
+    """A message without its packing; raises DamagedFile."""
     return b"".join(_pieces("zstd", io.BytesIO(data), _LARGEST_CHUNK))
 
 
 def _pieces(compression: str, packed: BinaryIO, most: int) -> Iterator[bytes]:
-    """What was packed, piece by piece.
-
-    Raises:
-        DamagedFile: it cannot be unpacked any further, or is more than so many bytes.
-    """
+    """The unpacked bytes, piece by piece; DamagedFile if they are damaged or more than `most`."""
     if compression not in _UNPACKERS:
         raise DamagedFile(f"uses unsupported compression {compression[:20]!r}")
     file = import_module(_UNPACKERS[compression]).open(packed)
@@ -147,11 +134,7 @@ def _pieces(compression: str, packed: BinaryIO, most: int) -> Iterator[bytes]:
 
 
 def _unpack(path: Path, whole: Path) -> None:
-    """Unpack a whole file as far as it goes.
-
-    Raises:
-        DamagedFile: as `_pieces`, or there is no room for it.
-    """
+    """Unpack a whole file as far as it goes; DamagedFile as `_pieces`, or if there is no room."""
     most = _LEAST_UNPACKED + _MOST_RATIO * path.stat().st_size
     with path.open("rb") as file, whole.open("wb") as out:
         for piece in _pieces("zstd", file, most):
@@ -212,11 +195,11 @@ class _Mcap:
 
     def _declare(self, kind: int, record: bytes) -> None:
         """Note a schema or a channel."""
-        found: Any = _read(Schema if kind == Opcode.SCHEMA else Channel, record)
+        entry: Any = _read(Schema if kind == Opcode.SCHEMA else Channel, record)
         if kind == Opcode.SCHEMA:
-            self._schemas[found.id] = found.name
+            self._schemas[entry.id] = entry.name
         elif kind == Opcode.CHANNEL:
-            self._channels[found.id] = (found.topic, self._schemas.get(found.schema_id, ""))
+            self._channels[entry.id] = (entry.topic, self._schemas.get(entry.schema_id, ""))
 
     def _chunk(self, record: bytes) -> Iterator[Record]:
         """Messages in a chunk, as far as it goes."""
@@ -246,9 +229,9 @@ def _read(kind: Any, record: bytes) -> Any:
 
 
 def _sqlite3_records(path: Path, wanted: Wanted, note: Note) -> Iterator[Record]:
-    """Rows of a database without its last page, if that page is not whole.
+    """Rows of a database without its last page, if that page is not complete.
 
-    The database would be read as if zeros followed, which makes false messages, not missing ones.
+    The database would be read as if zeros followed, which gives false messages, not missing ones.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -272,8 +255,7 @@ def _rows(path: Path, wanted: Wanted, note: Note) -> Iterator[Record]:
     connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
     try:
         connection.text_factory = lambda text: text.decode("utf-8", "replace")
-        # A file shorter than its header says is refused as a whole, unless the schema may be
-        # repaired: so is it by the reader of the bag library.
+        # Otherwise sqlite refuses a file shorter than its header says, as the bag library does.
         connection.execute("PRAGMA writable_schema=ON")
         connection.execute("PRAGMA trusted_schema=OFF")
         tables = "SELECT name FROM sqlite_master WHERE type = 'table'"
@@ -306,18 +288,14 @@ class Metadata(NamedTuple):
 
 
 def read_metadata(folder: Path) -> Metadata:
-    """The metadata of a bag.
-
-    Raises:
-        DamagedFile: they are missing or not what they should be.
-    """
+    """The metadata of a bag; raises DamagedFile if they are missing or invalid."""
     try:
         document = parse_yaml(read_text(folder / _METADATA), most_values=_MOST_VALUES)
-        found: Any = cast(Mapping[str, Any], document)["rosbag2_bagfile_information"]
-        version, count = int(found["version"]), int(found["message_count"])
-        files = tuple(Path(str(name)).name for name in found["relative_file_paths"])
-        mode = str(found.get("compression_mode") or "none").lower()
-        packing = found.get("compression_format") if mode != "none" else "zstd"
+        information: Any = cast(Mapping[str, Any], document)["rosbag2_bagfile_information"]
+        version, count = int(information["version"]), int(information["message_count"])
+        files = tuple(Path(str(name)).name for name in information["relative_file_paths"])
+        mode = str(information.get("compression_mode") or "none").lower()
+        packing = information.get("compression_format") if mode != "none" else "zstd"
     except FileRefused as error:
         raise DamagedFile(f"{_METADATA} {error.problem}") from None
     except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -1,9 +1,9 @@
 """Command line and environment of the node, before rclpy sees them.
 
-rcl refuses a list that mixes integers and decimals ("[0, 0, -9.81]"), which in a scene file is
-fine everywhere else; such lists are written out as decimals for it. A params file that does not
-exist or is not YAML is refused in one line. rcl silently ignores parameters that are for
-other nodes only; here they are remembered until the node knows its name.
+rcl refuses a list that mixes integers and decimals ("[0, 0, -9.81]"), which is fine in a scene
+file; such lists are written out as decimals for it. A params file that does not exist or is not
+YAML is refused in one line. rcl silently ignores parameters that are for other nodes only; here
+they are remembered until the node knows its name.
 """
 
 import argparse
@@ -36,9 +36,8 @@ class NodeArguments:
 
     Attributes:
         for_rcl: ROS arguments as rcl can read them.
-        allow_unmatched: parameters that are for other nodes only are fine.
-        nodes: params file or -p argument -> the nodes that it holds parameters for, full names or
-            wildcards.
+        allow_unmatched: parameters that are for other nodes only are accepted.
+        nodes: params file or -p argument -> full names or wildcards of the nodes that it is for.
     """
 
     for_rcl: list[str] = field(default_factory=list)
@@ -96,11 +95,8 @@ def parser() -> argparse.ArgumentParser:
 
 @contextmanager
 def read_arguments(arguments: Sequence[str]) -> Iterator[NodeArguments]:
-    """Read the command line; rewritten files live as long as the context.
-
-    Args:
-        arguments: command line without the program's name, for example
-            `--scene hanging_cable --ros-args -p rate:=100.0`.
+    """Read the command line, without the program's name; rewritten files live as long as the
+    context.
 
     Raises:
         SceneError: an argument that is neither for the node nor for ROS, no such scene, or a params
@@ -190,11 +186,7 @@ def _readable_rule(rule: str) -> str:
 
 
 def _write_out_decimals(node: Any) -> bool:
-    """Turn the integers of lists that also hold decimals into decimals, in place.
-
-    Returns:
-        Whether anything was changed.
-    """
+    """Make decimals of the integers in lists with decimals, in place; return whether any was."""
     if isinstance(node, dict):
         changed = [_write_out_decimals(item) for item in node.values()]
         return any(changed)

@@ -1,9 +1,8 @@
-"""The cables of a process: one on the node `dlo_sim`, or, by the parameter `cables`, one on a node
-of its own for each name.
+"""The cables of a process: one on the node `dlo_sim`, or one node for each name in `cables`.
 
-A cable begins at once and lives as long as its node; or, by the parameter `lifecycle`, the node has
-a lifecycle: configure compiles, activate ticks, cleanup forgets. While such a node is not
-configured, its parameters are whatever it is given; configure judges them.
+A cable begins at once and lives as long as its node; with the parameter `lifecycle`, the node has a
+lifecycle: configure compiles, activate ticks, cleanup forgets. Until configure checks them, its
+parameters can have any values.
 """
 
 import gc
@@ -39,20 +38,15 @@ _CABLES = Parameter("cables", "string_array", ())
 _SCENE = Parameter("scene", "string", "")
 _PERIOD = 1.0  # [s] between two diagnostics of a cable that is not there
 _LIFECYCLE = Parameter("lifecycle", "bool", False)
-# [s] for which a thread may keep the interpreter to itself. A tick gives it away at each compiled
-# step and each publication, and would wait 5 ms, Python's own value, to get it back every time that
-# a changed scene is being prepared.
+# [s] for which a thread may keep the interpreter. A tick releases it at each compiled step and each
+# publication, and would wait 5 ms, Python's default, while a changed scene is being prepared.
 _SWITCH_INTERVAL = 1.0e-4
 _LONGEST_SPIN = 0.2  # [s]; a signal is noticed after this long also when no timer fires
 _Return = TransitionCallbackReturn
 
 
 class CableNode(GuardedNode):
-    """A node with a cable.
-
-    Attributes:
-        cable: None before the start and after the end.
-    """
+    """A node with a `cable`, which is None before the start and after the end."""
 
     cable: LiveCable | None = None
 
@@ -62,11 +56,7 @@ class CableNode(GuardedNode):
         return None if self.cable is None else self.cable.failure
 
     def start(self) -> None:
-        """Begin to predict, with an executor that spins the node.
-
-        Raises:
-            SceneError: the scene is refused.
-        """
+        """Begin to predict, with an executor that spins the node; SceneError for its scene."""
         self.cable = LiveCable(self)
         self.cable.activate()
 
@@ -139,12 +129,12 @@ class ManagedCableNode(LifecycleNodeMixin, CableNode):
         self.add_on_set_parameters_callback(self._note)
 
     def _note(self, changes: list[NodeParameter]) -> SetParametersResult:
-        given = {c.name: c.value for c in changes if c.type_ is not NodeParameter.Type.NOT_SET}
+        changed = {c.name: c.value for c in changes if c.type_ is not NodeParameter.Type.NOT_SET}
         try:
-            merged = overridden(self.overrides, given)
+            merged = overridden(self.overrides, changed)
         except SceneError as refusal:
             return SetParametersResult(successful=False, reason=str(refusal))
-        deleted = {change.name for change in changes} - given.keys()
+        deleted = {change.name for change in changes} - changed.keys()
         self.overrides = {name: merged[name] for name in merged if name not in deleted}
         return SetParametersResult(successful=True)
 
@@ -196,7 +186,7 @@ class Makers(NamedTuple):
 
 
 def cables(given: NodeArguments) -> dict[str, Makers]:
-    """What makes the node of each cable, by its name in `cables`; without that, of the only one.
+    """Functions that make the node of each cable, by its name in `cables`, or of the only one.
 
     Raises:
         SceneError: the names, the node's own name, or parameters that are all for other nodes, or
@@ -213,8 +203,8 @@ def cables(given: NodeArguments) -> dict[str, Makers]:
         values = {k: [] if v is None else v for k, v in asked.overrides.items()}
     finally:
         asked.destroy_node()
-    found = check_value(_CABLES, values.get(_CABLES.key, []))
-    names = [str(name) for name in found]  # type: ignore[union-attr]
+    listed = check_value(_CABLES, values.get(_CABLES.key, []))
+    names = [str(name) for name in listed]  # type: ignore[union-attr]
     first_words = {row.key.split(".")[0] for row in scene_parameters()}
     check_names(_CABLES.key, names, sorted(first_words))
     if not names:
@@ -242,17 +232,15 @@ def _bare(name: str, **options: Any) -> GuardedNode:
 def _made(
     name: str, values: Mapping[str, Any], shared: Mapping[str, Any], options: Mapping[str, Any]
 ) -> CableNode:
-    """The node of one of several cables: its scene, changed by what is for all and what is for it.
+    """The node of one of several cables: its scene, changed by shared and by its own parameters.
 
-    Raises:
-        SceneError: the scene file cannot be read, there is none and no parameter of a scene, or
-            ROS refuses the node.
+    Raises SceneError if there is no scene, it cannot be read, or ROS refuses the node.
     """
     prefix = f"{name}."
     own = {k.removeprefix(prefix): v for k, v in values.items() if k.startswith(prefix)}
     scene = check_value(_SCENE, own.pop(_SCENE.key, ""))
-    found = scene_file_values(str(scene)) if scene else {}
-    merged = overridden(found, {**shared, **own})
+    scene_values = scene_file_values(str(scene)) if scene else {}
+    merged = overridden(scene_values, {**shared, **own})
     if not scene and all(map(is_node_key, merged)):
         raise SceneError(
             f"{prefix}{_SCENE.key}: is not given; name a shipped scene or a scene file, or say what"
@@ -277,12 +265,10 @@ def run_cables(makers: dict[str, Makers]) -> int:
 
 
 def _run_cable(name: str, makers: Makers, running: list[str]) -> int:
-    """Run a cable until a signal or until it gives up, which the others do not notice; why is in
-    /diagnostics as long as they run.
+    """Run a cable until a signal or its failure, which is in /diagnostics as long as others run.
 
     Args:
-        name: for messages.
-        running: the names of all that run; this one takes itself off.
+        name: for messages. running: the names of all that run; this one removes itself.
     """
     status, failure = FAILED, None
     node: CableNode | None = None
@@ -305,7 +291,7 @@ def _run_cable(name: str, makers: Makers, running: list[str]) -> int:
             node.destroy_node()
     if failure is None:
         return DONE
-    # One piece: several cables may end at once.
+    # A single write, since several cables may end at once.
     label = f"{'error: ' if status == REFUSED else ''}{name}{': ' if name else ''}"
     sys.stderr.write(f"dlo_sim: {label}{failure}\n")
     makers.keep_saying(failure, running)
@@ -317,7 +303,7 @@ def _spin(node: CableNode) -> None:
     executor = new_executor()
     executor.add_node(node)
     try:
-        # What start-up has allocated stays; the collector need not look at it during a tick.
+        # Objects of the start-up stay; the collector need not visit them during a tick.
         gc.collect()
         gc.freeze()
         while not stopping.requested() and node.failure is None:

@@ -1,7 +1,6 @@
-"""Plans in, forecasts out: computed in processes of their own, so that the ticks go on.
+"""Forecasts of plans, computed in processes of their own, so that the ticks continue.
 
-A thread of its own talks to each process and replaces it when it has ended. Whatever a process
-does, or does not, a tick only looks into a queue.
+A thread talks to each process and replaces it when it has ended. A tick only looks into a queue.
 """
 
 from __future__ import annotations
@@ -43,8 +42,7 @@ class _Worker(threading.Thread):
 
     Attributes:
         process: the present process; None before the first one.
-        trouble: why no process can be started, one line; empty while one runs.
-        failed_starts: how often none could be started.
+        trouble, failed_starts: why no process can be started (one line, or empty), and how often.
     """
 
     def __init__(self, example: bytes, plans: Queue[bytes], answers: SimpleQueue[Answer]) -> None:
@@ -131,17 +129,16 @@ class _Worker(threading.Thread):
 
 
 class Forecaster:
-    """Hands the plans of a session to processes, and back the messages about them.
+    """Passes the plans of a session to `count` processes, and returns the messages about them.
 
     Args:
-        topic: name of ~/plan on the wire.
-        count: processes.
+        topic: resolved name of ~/plan.
 
     Attributes:
         record: counts the plans.
 
     Raises:
-        SceneError: the method of the session follows no plans.
+        SceneError: the method of the session cannot follow plans.
     """
 
     def __init__(self, session: Session, topic: str, count: int) -> None:
@@ -171,15 +168,15 @@ class Forecaster:
     def answers(self) -> Iterator[OutgoingMessage]:
         """Messages about plans that have been forecast since the last call."""
         while not self._answers.empty():
-            found = self._answers.get_nowait()
-            if found.refused is not None:
-                self.record.refuse(*found.refused)
+            result = self._answers.get_nowait()
+            if result.refused is not None:
+                self.record.refuse(*result.refused)
                 continue
             self.record.accepted += 1
-            self._last = found
+            self._last = result
             self._answered += 1
-            self._failed += bool(found.problem)
-            yield from found.messages
+            self._failed += bool(result.problem)
+            yield from result.messages
 
     def statuses(self, now_ns: int) -> list[DiagnosticStatus]:
         """For the diagnostics at this time of the clock [ns]."""
@@ -217,10 +214,10 @@ def _work(connection: Connection, example: bytes) -> None:
     """Send None when ready, then answer requests until the other side is closed."""
     simulator: Simulator = pickle.loads(example)
     simulator.forecast(Plan([0.0, simulator.step], {}), simulator.step)  # loads machine code
-    found: Answer | None = None
+    result: Answer | None = None
     while True:
         try:
-            connection.send(found)
-            found = answer(connection.recv())
+            connection.send(result)
+            result = answer(connection.recv())
         except (EOFError, OSError):
             return

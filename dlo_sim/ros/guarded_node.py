@@ -1,8 +1,8 @@
 """A node whose user input cannot raise out of rclpy.
 
-rclpy gives a node a time source and parameter services of its own. Both raise on some valid
-messages, and an exception in a callback ends the process. They subscribe and
-serve by the node's own methods, so this is where their messages are checked.
+The time source and the parameter services that rclpy gives a node raise on some valid messages,
+which would end the process. They subscribe and serve by the node's own methods, so this is where
+their messages are checked.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,12 +25,11 @@ _PARAMETER_TYPES = range(ParameterType.PARAMETER_NOT_SET, ParameterType.PARAMETE
 
 
 class GuardedNode(Node):
-    """A node that counts or refuses what rclpy would raise on.
+    """A node that counts or refuses messages on which rclpy would raise.
 
     Attributes:
-        clock_watch: what is known of /clock.
-        overrides: values of params files and -p by name, None for an empty list; nothing is
-            declared of them.
+        clock_watch: the state of /clock.
+        overrides: values of params files and -p by name, None for an empty list; none is declared.
     """
 
     def __init__(
@@ -40,8 +39,7 @@ class GuardedNode(Node):
 
         Args:
             name: unless a remap rule gives it another one.
-            overrides: instead of those of params files and -p.
-            options: passed to `rclpy.node.Node`.
+            overrides: instead of those of params files and -p. options: for `rclpy.node.Node`.
 
         Raises:
             SceneError: rclpy refuses its name, its namespace or a parameter of its own.
@@ -50,9 +48,9 @@ class GuardedNode(Node):
         self.overrides: dict[str, Any] = {}
         self._noted = False
         options |= {"automatically_declare_parameters_from_overrides": True}
-        given = overrides or {}
+        values = overrides or {}
         try:
-            for_rclpy = [Parameter(k, value=given[k]) for k in given if is_node_key(k)]
+            for_rclpy = [Parameter(k, value=values[k]) for k in values if is_node_key(k)]
             super().__init__(name, parameter_overrides=for_rclpy, **options)
         except (RuntimeError, ParameterException, TypeError, ValueError) as error:
             raise SceneError(f"ROS refuses the node: {one_line(error)}; correct it") from None
@@ -60,11 +58,7 @@ class GuardedNode(Node):
             self.overrides = dict(overrides)
 
     def resolved(self, topic: str) -> str:
-        """A topic by its name on the wire, remapped.
-
-        Raises:
-            SceneError: ROS cannot have that name.
-        """
+        """The resolved, remapped name of a topic; SceneError for one that ROS cannot have."""
         try:
             return str(self.resolve_topic_name(topic))
         except (RuntimeError, ValueError) as error:
@@ -73,8 +67,8 @@ class GuardedNode(Node):
     def declare_parameters(
         self, namespace: str, parameters: Sequence[tuple[Any, ...]], ignore_override: bool = False
     ) -> list[Any]:
-        """As of every node; but the overrides, which rclpy would declare first of all and which it
-        shows nowhere else, are only noted: it cannot declare an empty list.
+        """Declare as every node, but only note the overrides: rclpy cannot declare an empty list,
+        and shows overrides nowhere else.
         """
         if ignore_override and not self._noted:
             self._noted = True

@@ -1,8 +1,7 @@
 """A cable on a node: time, topics, parameters and services around one session.
 
-A callback hands over, asks the session to advance to a time, publishes. What a message means, how
-far a tick goes and what is worth a warning is decided in `dlo_sim.session`, which the bag replay
-shares.
+A callback passes its input on, asks the session to advance to a time, and publishes. All decisions
+about messages, ticks and warnings are in `dlo_sim.session`, which the bag replay shares.
 """
 
 import time
@@ -49,22 +48,17 @@ Result = TypeVar("Result")
 
 
 class LiveCable:
-    """Predicts a cable live, on a node of its own.
-
-    Attributes:
-        failure: why it must end, one line; None while all is well.
-    """
+    """Predicts a cable live, on a node; `failure`: why it must end, one line; or None."""
 
     def __init__(self, node: GuardedNode, *, read_only: bool = True) -> None:
         """Read the parameters, build and compile the simulator, then open topics and services.
 
         Args:
             node: whose overrides are the scene; an executor spins it.
-            read_only: declare what the scene fixes so, which lasts for the life of the node.
+            read_only: declare the parameters that the scene fixes so, for the life of the node.
 
         Raises:
-            SceneError: a parameter is refused, the scene cannot be simulated, or ROS cannot have
-                its topics; the node is as before.
+            SceneError: a parameter, the scene or a topic is refused; the node is as before.
         """
         self.failure: str | None = None
         self._node, self._log = node, node.get_logger()
@@ -149,8 +143,10 @@ class LiveCable:
             self._log.warning(line)
 
     def activate(self) -> None:
-        """Begin to listen and to tick on the node's clock, and to publish; diagnostics on a clock
-        that runs when /clock does not. After `deactivate` the state goes on as after a pause.
+        """Begin to listen, to tick on the node's clock, and to publish; diagnostics on a steady
+        clock.
+
+        After `deactivate` the state continues as after a pause.
         """
         threshold = JumpThreshold(
             min_forward=_STEP_AHEAD, min_backward=Duration(nanoseconds=-1), on_clock_change=True
@@ -181,9 +177,9 @@ class LiveCable:
         self._opened.close()
 
     def _tick_timer(self) -> Timer:
-        """A timer that fires when states have just become due: it keeps the phase of now, for which
-        this waits a little. Slow timers, and clocks that do not run at wall time, are left as they
-        are.
+        """A timer that fires when states have just become due, for which this waits a little.
+
+        Slow timers, and clocks that do not run at wall time, keep their phase.
         """
         if self._period_ns < _LONGEST_WAIT and not self._node.get_clock().ros_time_is_active:
             time.sleep(self._session.until_tick(self._now()) * 1e-9)
@@ -209,9 +205,8 @@ class LiveCable:
         return int(self._node.get_clock().now().nanoseconds)
 
     def _receive(self, topic: str, raw: bytes) -> None:
-        """Hand a serialised message to the session.
-
-        Before the first /clock nothing can be dated: the newest message of each topic waits for it.
+        """Pass a serialised message to the session; before the first /clock, keep the newest of a
+        topic.
         """
         now = self._now()
         if not self._timers:
@@ -258,8 +253,8 @@ class LiveCable:
                 self._log.info(text)
 
     def _on_jump(self, jump: TimeJump) -> None:
-        """Start over when the clock was exchanged. What its steps back mean is decided by the
-        session at the next tick.
+        """Start over when the clock was exchanged; steps back are handled by the session's next
+        tick.
         """
         self._times.interrupt()
         exchanged = jump.clock_change in (
@@ -283,8 +278,8 @@ class LiveCable:
         self._note_restart()
 
     def _note_restart(self) -> None:
-        """Remove what viewers show of before if the session has started over, which it reports; say
-        that the cable waits if it has not although the clock went back.
+        """Remove what viewers show if the session has started over; else, after a jump back, report
+        that the cable waits.
         """
         back_ns, self._back_ns = self._back_ns, 0
         if self._session.restarts != self._restarts:
@@ -297,11 +292,9 @@ class LiveCable:
     # -- parameters -----------------------------------------------------------------------------
 
     def _prepare(self, scene: Scene) -> Prepared:
-        """Build the simulator of a changed scene. Ticks and inputs go on meanwhile; only services
-        wait.
+        """Build the simulator of a changed scene; ticks and inputs continue, only services wait.
 
-        Raises:
-            SceneError: the simulator refuses the scene, in one line.
+        Raises SceneError, in one line, if the simulator refuses the scene.
         """
         with compiling_told_to(self._log.info):
             return in_background(
@@ -311,19 +304,15 @@ class LiveCable:
             )
 
     def _keep_ticking(self) -> None:
-        """What the executor would do now if it were not in a callback, again and again while one
-        change of parameters follows the other.
-        """
+        """Do the executor's work in its callback, while changes of parameters follow each other."""
         self._inputs.take_waiting()
         self._tick()
         if self._timers:
             self._report_if_due()
 
     def _adopt(self, scene: Scene, prepared: Prepared) -> None:
-        """Go on with a changed scene; callbacks take turns, so this is between two ticks.
-
-        One comes right before and one right after, so that only the change itself lies between
-        them and not what else is done with parameters.
+        """Continue with a changed scene between two ticks: one right before and one right after, so
+        that nothing else that is done with parameters lies between them.
         """
         self._keep_ticking()
         before, simulator = self._session.scene, self._session.simulator
@@ -427,19 +416,15 @@ def _answered(response: Any, success: bool, message: str) -> Any:
 def in_background(
     work: Callable[[], Result], meanwhile: Callable[[], None], period: Callable[[], float]
 ) -> Result:
-    """Call `meanwhile`, then run `work` in a thread and call `meanwhile` periodically until it is
-    done.
+    """Call `meanwhile`, then run `work` in a thread and call `meanwhile` until it is done.
 
     Args:
         work: must not touch what `meanwhile` changes.
-        meanwhile: called in this thread.
         period: time between two calls [s], asked each time.
 
     Returns:
-        What `work` returns.
-
-    Raises:
-        Exception: whatever `work` or `meanwhile` raises; the thread has ended by then.
+        The result of `work`. Whatever `work` or `meanwhile` raises, is raised after the thread has
+            ended.
     """
     due = time.perf_counter()
     meanwhile()  # some of a period may have gone by since the last call

@@ -12,11 +12,8 @@ from dlo_sim.scene.refusal import one_line
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until a signal; returns the exit status.
 
-    Args:
-        arguments: command line without the program's name; default: that of the process.
-
-    Raises:
-        KeyboardInterrupt: a signal asked for the end before the node was there.
+    `arguments`: command line without the program's name; default: that of the process. Raises
+    KeyboardInterrupt if a signal came before the node was there.
     """
     try:
         return _run(list(sys.argv[1:] if arguments is None else arguments))

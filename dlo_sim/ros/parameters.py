@@ -1,8 +1,7 @@
 """The scene as the parameters of a node: declared from the table, changed as a whole or not at all.
 
-The parameter table and its checks are those of `dlo_sim.scene`; a change is judged by building the
-whole scene that it leads to, so what the node refuses at run time is what the offline commands
-refuse, with the same line.
+A change is checked by building the whole scene that results, so the node refuses at run time what
+the offline commands refuse, with the same line.
 """
 
 import sys
@@ -50,8 +49,7 @@ _QOS_POLICIES = {
 class ParameterRefused(ParameterNotDeclaredException):
     """A parameter that cannot be set, with a reason of our own.
 
-    rclpy's parameter services answer with the text of the exception that this one is derived from,
-    and of no other; rclpy's own texts for an unknown parameter and a wrong type leave the name out.
+    rclpy's parameter services answer with the text of exceptions of its base class only.
     """
 
     def __init__(self, reason: str) -> None:
@@ -63,17 +61,13 @@ class ParameterRefused(ParameterNotDeclaredException):
 
 
 class SceneParameters:
-    """Declares the parameters of a scene on a node and keeps node and scene the same.
-
-    Attributes:
-        scene: the scene that the parameters describe now.
-    """
+    """Declares the parameters of a scene on a node, and keeps the `scene` that they describe."""
 
     def __init__(self, node: GuardedNode, read_only: bool = True) -> None:
         """Read the node's overrides (params files, -p), check them, declare all parameters.
 
         Args:
-            read_only: declare those so that cannot change; rclpy cannot undeclare them.
+            read_only: declare constant parameters so; rclpy cannot undeclare them.
 
         Raises:
             SceneError: an override that is unknown, of a wrong type, or an impossible scene.
@@ -108,7 +102,7 @@ class SceneParameters:
         Args:
             prepare: builds what the new scene needs and changes nothing; a ValueError refuses the
                 change.
-            adopt: puts in place what `prepare` returned; called between two ticks, must not fail.
+            adopt: installs the result of `prepare` between two ticks; must not fail.
         """
         self._prepare = prepare
         self._adopt = adopt
@@ -118,8 +112,8 @@ class SceneParameters:
         self._node.add_post_set_parameters_callback(self._apply)
 
     def close(self) -> None:
-        """Leave the parameters, as they are now, to the node's overrides; undeclare them, unless
-        they are read-only.
+        """Return the present values to the node's overrides; undeclare those that are not
+        read-only.
         """
         if self._following:
             self._node.remove_pre_set_parameters_callback(self._convert)
@@ -135,8 +129,7 @@ class SceneParameters:
     def _convert(self, changes: list[NodeParameter]) -> list[NodeParameter]:
         """Give each value the declared type: 5 for 5.0, `on` read as true, an empty list.
 
-        Raises:
-            ParameterRefused: an unknown parameter or a value of another type.
+        Raises ParameterRefused for an unknown parameter or a value of another type.
         """
         return [self._converted(change) for change in changes]
 
@@ -180,12 +173,10 @@ class SceneParameters:
 
 
 def scene_from_overrides(node: GuardedNode) -> Scene:
-    """The scene that the node's params files and -p arguments describe.
+    """The scene of the node's params files and -p arguments, without the parameters of rclpy
+    itself.
 
-    Parameters that rclpy itself has declared are left to it.
-
-    Raises:
-        SceneError: one line with the key, the value and the cure.
+    Raises SceneError: one line with the key, the value and the cure.
     """
     table = {row.key: row for row in scene_parameters()}
     values: dict[str, object] = {}
@@ -200,13 +191,10 @@ def scene_from_overrides(node: GuardedNode) -> Scene:
 
 
 def check_qos_overrides(node: GuardedNode, inputs: Iterable[str], outputs: Iterable[str]) -> None:
-    """Refuse a `qos_overrides` that rclpy would stumble over or ignore.
+    """Raise SceneError for `qos_overrides` that rclpy would ignore or raise on.
 
     Args:
-        inputs, outputs: topics by their names on the wire.
-
-    Raises:
-        SceneError: a topic or policy that cannot be overridden, or a value that it cannot have.
+        inputs, outputs: topics by their resolved names.
     """
     entities = [(topic, "subscription", INPUT_POLICIES) for topic in inputs]
     entities += [(topic, "publisher", OUTPUT_POLICIES) for topic in outputs]
@@ -266,7 +254,7 @@ def _declare(node: GuardedNode, row: Parameter, value: Any) -> None:
     """Declare one parameter with its checked value.
 
     The override has been read already: rclpy would refuse 5 for 5.0 here. An empty list has no type
-    of its own for rclpy, so it is set after a declaration by type, and made read-only last.
+    for rclpy, so it is set after a declaration by type, and made read-only last.
     """
     described = descriptor(row)
     if value != []:

@@ -17,11 +17,7 @@ _LATE = 2.5  # periods between two ticks from which on a publication counts as l
 
 
 class Reports:
-    """When the diagnostics are due, and what of them the log says, too.
-
-    Args:
-        log: logger of the node.
-    """
+    """When the diagnostics are due, and which lines the logger `log` of the node repeats."""
 
     def __init__(self, log: Any) -> None:
         self._log = log
@@ -67,9 +63,8 @@ class TickTimes:
     """The ticks of the node and of one report interval. All times [ns].
 
     Attributes:
-        ticks: ticks made, in all.
-        dropped: timer periods without a tick, in all; the next tick has simulated their time.
-        late: gaps between ticks of more than 2.5 periods, in all.
+        ticks: number of ticks. dropped: timer periods without a tick, whose time the next tick has
+            simulated. late: gaps between ticks of more than 2.5 periods.
     """
 
     ticks: int = 0
@@ -84,14 +79,11 @@ class TickTimes:
     def record(
         self, clock: int, begin: int, stepped: int, end: int, steps: int, period: int
     ) -> None:
-        """Add one tick.
+        """Add one tick of `steps` steps, when the wanted timer period is `period`.
 
         Args:
             clock: the clock that the timer follows, at this tick.
-            begin, stepped, end: steady clock when the tick began, the steps were done, and all was
-                published.
-            steps: steps made.
-            period: timer period wanted.
+            begin, stepped, end: steady clock when it began, had made its steps, and had published.
         """
         if self._begin is None:
             self._begin = begin
@@ -108,12 +100,9 @@ class TickTimes:
         self._previous = None
 
     def report(self, now: int, step: float) -> tuple[dict[str, str], int]:
-        """Values for the diagnostics of the interval that ends now, and how many ticks in it were
-        late; begin a new one.
+        """Values for the diagnostics of the interval that ends now, and its number of late ticks.
 
-        Args:
-            now: steady clock.
-            step: duration of one step [s].
+        Begins a new interval. `now`: steady clock; `step`: duration of one step [s].
         """
         elapsed = max(now - (now if self._begin is None else self._begin), 1)
         count = len(self._made)
@@ -136,12 +125,13 @@ class TickTimes:
 
 
 class ClockWatch:
-    """Notices that simulated time has not begun or stands still: no timer on that clock could.
+    """Notices that simulated time has not begun or stands still, which no timer on that clock
+    could.
 
     Attributes:
         problem: what is wrong, one line; empty if the clock runs.
-        refused: messages on /clock that are no time, in all.
-        jumps: how often the clock was set back or exchanged; incremented by LiveCable.
+        refused: number of invalid messages on /clock. jumps: how often the clock was set back or
+            exchanged; incremented by LiveCable.
     """
 
     def __init__(self) -> None:
@@ -161,12 +151,7 @@ class ClockWatch:
         return False
 
     def look(self, clock_ns: int, steady: float) -> None:
-        """Compare with the last look.
-
-        Args:
-            clock_ns: the node's clock [ns].
-            steady: a clock that always runs [s].
-        """
+        """Compare the node's clock [ns] and a steady clock [s] with the last call."""
         if clock_ns != self._seen_ns:
             self._seen_ns, self._since, self.problem = clock_ns, steady, ""
         elif clock_ns == 0:
@@ -187,13 +172,12 @@ class ClockWatch:
 
 @dataclass
 class InputSources:
-    """The publishers on the name of one input.
+    """The publishers on one input topic.
 
     Attributes:
-        topic: its name on the wire.
-        type: what the input takes, for example geometry_msgs/msg/PoseStamped.
-        count: publishers of that type.
-        mismatched: node and type of each publisher of another type; ROS connects none of them.
+        topic: its resolved name. type: of the input, such as geometry_msgs/msg/PoseStamped.
+        count: publishers of that type. mismatched: node and type of each publisher of another type,
+            which ROS does not connect.
     """
 
     topic: str
@@ -205,8 +189,8 @@ class InputSources:
     def problems(self) -> list[str]:
         """One line for each thing that is wrong."""
         lines = [
-            f"{node} publishes {other} on {self.topic}, the input takes {self.type}; publish that"
-            for node, other in self.mismatched
+            f"{node} publishes {kind} on {self.topic}, the input takes {self.type}; publish that"
+            for node, kind in self.mismatched
         ]
         if self.count > 1:
             lines.append(f"{self.count} publishers on {self.topic}; keep one: they mix")
@@ -218,10 +202,7 @@ def node_status(
 ) -> DiagnosticStatus:
     """One status of all that only the node can measure, of the interval that ends now.
 
-    Args:
-        now, step: as of `TickTimes.report`.
-        clock: what is known of /clock.
-        sources: who publishes on each input topic.
+    `now`, `step`: as of `TickTimes.report`; `sources`: publishers on each input topic.
     """
     timing, late = times.report(now, step)
     problems = [clock.problem] if clock.problem else []

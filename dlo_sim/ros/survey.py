@@ -25,11 +25,11 @@ _MORE = 0.3  # [s] for the other topics of a node that has been found
 
 @dataclass(frozen=True)
 class Heard:
-    """What was found on one input topic.
+    """The observations on one input topic.
 
     Attributes:
-        sources: who publishes. incompatible: why ROS connects a publisher to none, one line each.
-        record: what became of the messages. rate: [Hz]. frames: in their headers.
+        sources: its publishers. incompatible: why ROS does not connect a publisher, one line each.
+        record: counters of its messages. rate: [Hz]. frames: in their headers.
     """
 
     sources: InputSources
@@ -41,12 +41,11 @@ class Heard:
 
 @dataclass(frozen=True)
 class Survey:
-    """What was found.
+    """The observations on all topics.
 
     Attributes:
         rmw: the middleware. simulated_time: whether /clock is published.
-        offset: clock minus stamps [s]; None without a message.
-        heard: one for each input topic.
+        offset: clock minus stamps [s]; None without a message. heard: one for each input topic.
     """
 
     rmw: str
@@ -85,11 +84,7 @@ class _Listening:
 
 
 def survey(session: Session | None, seconds: float) -> Survey:
-    """Listen as the node of this session would, for some seconds.
-
-    Raises:
-        RuntimeError: ROS cannot be started.
-    """
+    """Listen as the node of this session would, some seconds; RuntimeError if ROS cannot start."""
     rmw = get_rmw_implementation_identifier()
     if session is None:
         return Survey(rmw)

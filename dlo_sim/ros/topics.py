@@ -28,8 +28,8 @@ _GOODBYE = Duration(nanoseconds=300_000_000)  # longest wait for viewers to take
 def message_class(kind: str) -> type:
     """The class of a ROS type, for example geometry_msgs/msg/PoseStamped."""
     package, _, name = kind.split("/")
-    found: type = getattr(import_module(f"{package}.msg"), name)
-    return found
+    message: type = getattr(import_module(f"{package}.msg"), name)
+    return message
 
 
 # Each call makes a profile of its own: rclpy writes what the user overrides into it.
@@ -48,8 +48,8 @@ def input_qos(kind: str) -> QoSProfile:
 
 
 def output_qos(topic: str) -> QoSProfile:
-    """How an output is published: the newest state also for readers that come later, unless each
-    message is about something else. A slow reader never blocks the node.
+    """How an output is published: a late reader gets the newest state, a slow one never blocks the
+    node.
     """
     if topic in (DIAGNOSTICS, FORECAST, TF):
         return QoSProfile(depth=10)
@@ -177,11 +177,11 @@ class Subscriptions:
         return [self._sources(topic, kind) for topic, kind in self._types.items()]
 
     def _sources(self, topic: str, kind: str) -> InputSources:
-        found = InputSources(topic, kind)
+        sources = InputSources(topic, kind)
         for publisher in self._node.get_publishers_info_by_topic(topic):
             if publisher.topic_type == kind:
-                found.count += 1
+                sources.count += 1
             else:
                 node = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
-                found.mismatched.append((node, publisher.topic_type))
-        return found
+                sources.mismatched.append((node, publisher.topic_type))
+        return sources

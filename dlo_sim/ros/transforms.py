@@ -16,11 +16,7 @@ from dlo_sim.session.intake import Transform, Transforms
 
 
 def tf2_for(scene: Scene) -> Any:
-    """The package tf2_ros if a scene asks for it, else None.
-
-    Raises:
-        SceneError: it cannot be imported.
-    """
+    """The package tf2_ros if a scene needs it, else None; SceneError if it cannot be imported."""
     if not scene.tf_keys:
         return None
     try:
@@ -35,10 +31,9 @@ def tf2_for(scene: Scene) -> Any:
 
 
 def transforms_of(node: Node, scene: Scene, opened: ExitStack) -> Transforms | None:
-    """What tf2 knows, if a scene takes anything from it; heard until `opened` is closed.
+    """The transforms of tf2, if a scene uses any, received until `opened` is closed.
 
-    Raises:
-        SceneError: as `tf2_for`.
+    Raises SceneError as `tf2_for`.
     """
     tf2_ros = tf2_for(scene)
     listens = set(scene.tf_keys) - {"outputs.tf"}
@@ -55,25 +50,25 @@ class _Listener:
     def __init__(self, tf2_ros: Any, node: Node, world: str) -> None:
         self._world = world
         self._problem = tf2_ros.TransformException
-        # Not of the node's clock: it is told when that has jumped.
+        # Without the node's clock, whose jumps it is told of.
         self._buffer = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._buffer, node)
 
     def lookup(self, frame: str, stamp_ns: int | None) -> Transform:
         """As `Transforms.lookup`; at a given time tf2 interpolates and never extrapolates."""
-        # Time 0 is the newest for tf2, and no stamp.
+        # tf2 takes time 0 for the newest transform.
         at = Time() if stamp_ns is None else Time(nanoseconds=max(stamp_ns, 1))
         try:
-            found = self._buffer.lookup_transform(self._world, frame, at)
+            stamped = self._buffer.lookup_transform(self._world, frame, at)
         except self._problem as problem:
             reason = one_line(problem).rstrip(".")
             cure = f"publish where it is in {self._world}, or raise inputs.latency"
             raise Refused("no_transform", f"frame_id '{frame}': {reason}; {cure}") from None
-        p, q = found.transform.translation, found.transform.rotation
+        p, q = stamped.transform.translation, stamped.transform.rotation
         values = (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
         if not math.isfinite(sum(values)):
             raise Refused("no_transform", f"frame_id '{frame}': its transform is not finite")
-        stamp = found.header.stamp
+        stamp = stamped.header.stamp
         stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
         return Transform(stamp_ns, values[:3], normalized(values[3:]))
 

@@ -213,7 +213,7 @@ class Hose:
 class Plasticity:
     """Plastic bending, or friction between strands of a cable, which slip at the yield curvature.
 
-    Beyond it, the share `hardening` of the bending stiffness remains.
+    Beyond it, the fraction `hardening` of the bending stiffness remains.
 
     Parameters:
         yield_curvature: Curvature beyond which bending is plastic, or at which strands slip; 0 =

@@ -2,12 +2,12 @@
 
 The path of an attribute is the key of its parameter (`scene.cable.length` is `cable.length`), and
 its description is in the docstring of its class: ROS declarations, checks and the tables of
-config/README.md are generated from them. What a scene derives from its parameters is a property.
+config/README.md are generated from them. Values derived from parameters are properties.
 
 Scenes are built by `scene_from_values`, so that every scene has passed the checks: of single values
-(`parameter.check_value`), then of values together: of one
-group in its file, of several here. Each rule yields the key, its value and the problem with the
-cure; the first one refuses the scene.
+(`parameter.check_value`), then of values together, in the file of their group or, for several
+groups, here. Each rule yields the key, its value and the problem with the cure; the first one
+refuses the scene.
 """
 
 import math
@@ -169,9 +169,7 @@ class Scene:
         """Rates [1/s] at which external damping lets the momenta of centreline and twist decay:
         alpha + c / mu with the air drag c along the cable, and alpha; 0 without damping.
 
-        Air drag is a force per length and speed of the centreline. It has no torque about the
-        centreline, so it does not damp twist. The excess of the drag across the cable is assembled
-        with the forces (`engine.drag`).
+        The excess of the drag across the cable is assembled with the forces (`engine.drag`).
         """
         if self.terms.damping == "off":
             return 0.0, 0.0
@@ -184,12 +182,12 @@ class Scene:
         """Whether the error of a prediction is estimated, as long as there is time for it. With
         `auto` not where measured points correct the prediction: they do not correct finer runs.
         """
-        wanted = self.accuracy.estimate
-        return wanted == "on" or (wanted == "auto" and self.measured.type == "none")
+        estimate = self.accuracy.estimate
+        return estimate == "on" or (estimate == "auto" and self.measured.type == "none")
 
-    def friction_of(self, one: Obstacle | Grasp) -> float:
+    def friction_of(self, touched: Obstacle | Grasp) -> float:
         """Coefficient of friction of the cable on an obstacle, or in a grasp that slides."""
-        return self.contact.friction if one.friction < 0.0 else one.friction
+        return self.contact.friction if touched.friction < 0.0 else touched.friction
 
     @property
     def rubbing(self) -> Names:
@@ -221,11 +219,7 @@ class Scene:
         return {**self.ends, **{grasp.name: grasp for grasp in self.grasps}}
 
     def load(self, name: str) -> Load:
-        """The load of this name.
-
-        Raises:
-            KeyError: if there is none.
-        """
+        """The load of this name; KeyError if there is none."""
         for load in self.loads:
             if load.name == name:
                 return load
@@ -233,11 +227,7 @@ class Scene:
         raise KeyError(f"no load '{name}' in this scene (its loads: {names})")
 
     def grasp(self, name: str) -> Grasp:
-        """The grasp of this name.
-
-        Raises:
-            KeyError: if there is none.
-        """
+        """The grasp of this name; KeyError if there is none."""
         return {grasp.name: grasp for grasp in self.grasps}[name]
 
     @property
@@ -300,19 +290,15 @@ class Scene:
     @property
     def followed_frames(self) -> dict[str, str]:
         """Key -> frame of tf2 that an end effector or an obstacle follows."""
-        found = {f"{key}.tf_frame": holder.tf_frame for key, holder in self.holder_keys()}
-        found |= {f"obstacles.{one.name}.frame": one.frame for one in self.obstacles}
-        return {key: frame for key, frame in found.items() if frame}
+        frames = {f"{key}.tf_frame": holder.tf_frame for key, holder in self.holder_keys()}
+        frames |= {f"obstacles.{one.name}.frame": one.frame for one in self.obstacles}
+        return {key: frame for key, frame in frames.items() if frame}
 
     def with_values(self, values: Mapping[str, object]) -> "Scene":
-        """A copy of the scene with these parameters changed, all checked together.
+        """A copy with these parameters changed, all checked together: `{"cable.length": 2.0}`.
 
-        Args:
-            values: dotted key -> value, for example `{"cable.length": 2.0}`; loads, grasps
-                and obstacles that are no longer named are dropped.
-
-        Raises:
-            SceneError: an unknown key or an invalid scene.
+        Loads, grasps and obstacles that are no longer named are dropped. Raises SceneError for an
+        unknown key or an invalid scene.
         """
         values = overridden(scene_values(self), mapping("values", values))
         return replace(scene_from_values(values), added=self.added)
@@ -367,19 +353,16 @@ def is_node_key(key: str) -> bool:
 
 
 def scene_from_values(values: Mapping[str, object]) -> Scene:
-    """Build a scene from flat values; missing keys have their defaults.
+    """Build a scene from flat values, `{"cable.length": 2.0}`; missing keys have their defaults.
 
-    Args:
-        values: dotted key -> value, as in `{"cable.length": 2.0, "start.fixed": [True] * 3}`.
-
-    Raises:
-        SceneError: unknown key, wrong type, out of range, or an inconsistent scene.
+    Raises SceneError for an unknown key, a wrong type, a value out of range, or an inconsistent
+    scene.
     """
-    given = without_retired(mapping("values", values))
-    names = [_names(group, given) for group in NAMED]
+    accepted = without_retired(mapping("values", values))
+    names = [_names(group, accepted) for group in NAMED]
     known = {row.key: row for row in scene_parameters(*names)}
     checked: dict[str, Any] = {}
-    for key, value in given.items():
+    for key, value in accepted.items():
         if not isinstance(key, str):
             raise SceneError(f"{brief(key)}: a key must be a string; give one like 'cable.length'")
         if key in known:
@@ -415,11 +398,7 @@ def overridden(values: Mapping[str, object], changes: Mapping[str, object]) -> d
 
 
 def mapping(name: str, values: object) -> dict[str, object]:
-    """A copy of a mapping as a dictionary; `name` appears in the error.
-
-    Raises:
-        TypeError: not a mapping.
-    """
+    """A copy of a mapping as a dictionary, else TypeError; `name` appears in the error."""
     if not isinstance(values, Mapping):
         raise TypeError(f"{name}: needs a mapping, {{'cable.length': 2.0}}, got {brief(values)}")
     return dict(values)
@@ -448,11 +427,7 @@ def markdown_table() -> str:
 
 
 def _check(scene: Scene) -> None:
-    """Refuse values that are valid one by one but not together.
-
-    Raises:
-        SceneError: naming the key, the value and the cure of the first conflict.
-    """
+    """Raise SceneError for the first values that are valid one by one but not together."""
     for key, value, problem in _conflicts(scene):
         raise refusal(key, value, problem)
     if scene.measured.type != "none" and scene.accuracy.estimate == "on":
@@ -498,9 +473,7 @@ def _of(prefix: str, group: object, rules: Rules) -> Conflicts:
 
 
 def _placement(scene: Scene) -> Conflicts:
-    """Ends that leave the direction of the initial shape or of a clamp undefined, or that are too
-    far apart.
-    """
+    """Ends that leave the first or the clamped direction undefined, or that are too far apart."""
     start, end, length = scene.start, scene.end, scene.cable.length
     gap = math.dist(start.position, end.position)
     rigid = all(start.fixed) and all(end.fixed)
@@ -538,9 +511,9 @@ def _load_frames(scene: Scene) -> Conflicts:
         if load.frame and load.frame not in known and not scene.inputs.tf:
             cure = "give one of them, or name that of the end effector in start.frame or end.frame"
             yield key, load.frame, f"is no frame here ({', '.join(known)}); {cure}"
-        other = first.setdefault(load.input_topic, load)
-        if load.frame != other.frame:
-            what = f"differs from loads.{other.name}.frame {shown(other.frame)} of the same topic"
+        peer = first.setdefault(load.input_topic, load)
+        if load.frame != peer.frame:
+            what = f"differs from loads.{peer.name}.frame {shown(peer.frame)} of the same topic"
             yield key, load.frame, f"{what}; give both the same"
 
 
@@ -565,10 +538,8 @@ def _topics(scene: Scene) -> Conflicts:
 
 
 def check_added(scene: Scene, obstacle: Obstacle) -> None:
-    """Refuse an obstacle that cannot be added to a scene while it is simulated.
-
-    Raises:
-        SceneError: as for an obstacle of a scene; it has the name of another one; poses move it.
+    """Raise SceneError for an obstacle that cannot be added to a scene while it is simulated:
+    invalid, driven by poses, or of the name of another.
     """
     triangles = isinstance(obstacle.mesh, str) and obstacle.mesh.startswith(IN_TEXT)
     for row in parameters_of(obstacle, f"obstacles.{obstacle.name}."):

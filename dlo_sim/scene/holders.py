@@ -20,7 +20,7 @@ class Load:
         sign: 1: messages give the load exerted on the cable by the end effector; -1: the opposite.
         frame: Frame of messages without a frame_id: the name in `start.frame`, `end.frame` or
             `grasps.<name>.frame` for a sensor that turns with that end effector, or `frame_id`, or,
-            with inputs.tf, any frame of tf2; empty = `frame_id`, which is said when it is used.
+            with inputs.tf, any frame of tf2; empty = `frame_id`, with a line when it is used.
         signal: Load without a topic: constant, or force and torque times sin(2 pi frequency t).
         force: Force of the signal, world frame.
         torque: Torque of the signal, world frame.

@@ -29,8 +29,8 @@ def load_scene(
         source: the name of a shipped scene, such as "two_grippers"; the path of a ROS 2 parameter
             file with a block for `/**`, `dlo_sim` or a single other node; or a mapping as in such a
             file, or of its keys alone, nested or dotted: `{"cable": {"length": 2.0}}`.
-        overrides: dotted key -> value, replaces values of the source; `loads.names` here also
-            drops the blocks of loads that it does not name.
+        overrides: dotted key -> value, replaces values of the source; `loads.names` here also drops
+            the blocks of loads that it does not name.
 
     Raises:
         SceneError: one line that names the file, the key, the value and the cure.
@@ -48,13 +48,9 @@ def load_scene(
 
 
 def scene_file_values(source: str | os.PathLike[str]) -> dict[str, object]:
-    """The values of a scene file, dotted key -> value, before any check.
+    """The values of a scene file (name or path), dotted key -> value, before any check.
 
-    Args:
-        source: a name or a path, as for `load_scene`.
-
-    Raises:
-        SceneError: the file cannot be read or contains no scene.
+    Raises SceneError if it cannot be read or contains no scene.
     """
     path = find_scene(source)
     try:
@@ -73,11 +69,9 @@ def _beside(path: Path, values: dict[str, object]) -> dict[str, object]:
 
 
 def parse_assignment(text: str) -> tuple[str, object]:
-    """Split `key=value`; the value is parsed as YAML, as in a scene file. No value is the empty
-    text: a shell removes the quotes of `start.pose_topic=""`.
+    """Split `key=value`; the value is YAML; nothing is the empty text, as in `start.pose_topic=""`.
 
-    Raises:
-        SceneError: `=` is missing, or the value is not YAML.
+    Raises SceneError if `=` is missing, or the value is not YAML.
     """
     from dlo_sim.scene.plain_yaml import parse_yaml
 
@@ -100,12 +94,9 @@ def shipped_scenes() -> dict[str, Path]:
 
 
 def shipped_scene(name: str) -> Path:
-    """Path of a scene shipped with the package, for example `paper_wire`.
+    """Path of a shipped scene, such as `paper_wire`: from a checkout, pip or a colcon workspace.
 
-    Works from a checkout, from `pip install` (also editable) and from a colcon workspace.
-
-    Raises:
-        SceneError: if there is no such scene; the message lists all names.
+    Raises SceneError, which lists all names, if there is no such scene.
     """
     scenes = shipped_scenes()
     if name in scenes:
@@ -118,11 +109,9 @@ def shipped_scene(name: str) -> Path:
 
 
 def find_scene(text: str | os.PathLike[str]) -> Path:
-    """Path of a scene given as a path or as the bare name of a shipped scene.
+    """Path of a scene, by a path or the bare name of a shipped scene.
 
-    Raises:
-        SceneError: a bare name that is neither a file nor a shipped scene.
-        TypeError: neither text nor a path.
+    Raises SceneError for a bare name that is neither, TypeError for neither text nor a path.
     """
     name = os.fspath(text) if isinstance(text, str | os.PathLike) else None
     if not isinstance(name, str) or "\0" in name:
@@ -194,11 +183,8 @@ def _flat_keys(
 ) -> dict[str, object]:
     """Nested and dotted keys as one flat mapping.
 
-    Args:
-        strings: refuse keys that are not strings; no scene has such keys, other nodes may.
-
-    Raises:
-        SceneError: a key given both ways, a key that is not a string, or not a mapping.
+    `strings`: refuse keys that are not strings, which nodes other than ours may have. Raises
+    SceneError also for a key in both forms, or what is no mapping.
     """
     if not isinstance(block, Mapping) or depth > _DEEPEST:
         key = prefix.rstrip(".") or "ros__parameters"
@@ -221,8 +207,7 @@ def _flat_keys(
 def nodes_with_parameters(document: object) -> list[str]:
     """Full names or wildcards of the nodes that have parameters in a parsed parameter file.
 
-    Raises:
-        SceneError: the file contains something other than nodes, or a key both nested and dotted.
+    Raises SceneError for anything other than nodes, or a key both nested and dotted.
     """
     blocks = () if document is None else _node_blocks(document, ())
     return list(
@@ -231,7 +216,7 @@ def nodes_with_parameters(document: object) -> list[str]:
 
 
 def is_for_node(block: str, node: str) -> bool:
-    """Whether ROS applies a block of this name in a file to the node of this full name.
+    """Whether ROS applies a block of a file to the node of this full name.
 
     `*` matches one part of the name and `/**` any number of parts, including none.
     """

@@ -28,15 +28,14 @@ class Needs:
     """Which terms a scene's step contains; `"contact" in needs` asks for one.
 
     Attributes:
-        active: names of the terms, in the order of `terms.TERMS`; beside `twist` stand
-            `frenet` or `bishop`, where it is relative to the Frenet torsion, or to the Bishop frame
-            and acts on the shape, and `quasistatic`, where it has no rotary inertia about the axis.
+        active: names of the terms, in the order of `terms.TERMS`, with variants beside `twist`:
+            `frenet` (relative to the Frenet torsion), `bishop` (relative to the Bishop frame, acts
+            on the shape), `quasistatic` (without rotary inertia about the axis).
         axes: world axes of the motion: all three, or the two of a coordinate plane.
-        twist_model: the model of twist, as in `terms.twist`, also of twist that comes later; off if
-            the scene can have none.
+        twist_model: as in `terms.twist`, also of twist that comes later; off if there can be none.
         left_out: name of each absent term -> reason.
         warnings: one line for each term that is switched off although the scene needs it: the key,
-            what is lost, the cure. Not part of comparisons.
+            the loss, the cure. Not part of comparisons.
     """
 
     active: tuple[str, ...]
@@ -63,9 +62,7 @@ class Needs:
         return self._with("drive")
 
     def with_twist(self, scene: Scene) -> Needs:
-        """These needs once something twists the cable; a cable that can have no twist stays without
-        it and warns.
-        """
+        """These needs once something twists the cable; a warning if it can have no twist."""
         if "twist" in self:
             return self
         if self.twist_model == "off":
@@ -165,11 +162,7 @@ def _warning_of_plane(axes: tuple[int, ...]) -> str:
 
 
 def check_terms(scene: Scene, needs: Needs) -> None:
-    """Refuse terms, and combinations of them, that have no meaning here.
-
-    Raises:
-        SceneError: naming the key and the cure.
-    """
+    """Raise SceneError for terms, and combinations of them, that have no meaning here."""
     if scene.terms.contact == "on" and not (scene.bodies or scene.contact.markers):
         raise SceneError("terms.contact: 'on' needs obstacles; name one in obstacles.names")
     if scene.terms.out_of_plane == "off" and len(needs.axes) == 3:
@@ -228,9 +221,7 @@ def _far(scene: Scene) -> bool:
 
 
 def _hangs_taut(scene: Scene) -> bool:
-    """Whether a cable is straight, hangs between two ends that hold no direction and rest, and
-    nothing but its weight bends it.
-    """
+    """Whether a straight cable hangs between resting ends and only its weight bends it."""
     return (
         all(any(end.fixed) and not end.holds_direction for end in scene.ends.values())
         and _far(scene)
@@ -240,10 +231,7 @@ def _hangs_taut(scene: Scene) -> bool:
 
 
 def _twist_model(scene: Scene) -> str:
-    """The model of twist of a scene, where it has twist.
-
-    With `auto` twist acts on the shape, quasistatically unless friction can roll the cable.
-    """
+    """The model of twist; with `auto` quasistatic unless friction can roll the cable, or off."""
     if scene.terms.twist != "auto":
         return scene.terms.twist
     if _no_twist(scene)[0]:

@@ -26,8 +26,8 @@ class Discretization:
             and 9 control points or more, else sample.
         mass: Mass matrix: consistent (banded), or lumped (diagonal, less accurate).
         knots: Knot spans of equal length (uniform), or shorter ones near clamped ends: by
-            `discretization.grading` (graded; with gauss), or where a cable bends sharply there and
-            nothing speaks against it (auto).
+            `discretization.grading` (graded; with gauss), or where a cable bends sharply there
+            (auto).
         grading: With knots graded: density of the knots at the start and at the end in excess of
             that elsewhere, which counts as 1, and the length [m] over which the excess decays by
             1/e.
@@ -119,8 +119,8 @@ class Accuracy:
 
     Parameters:
         target: Acceptable position error; a larger estimate causes a warning.
-        estimate: Estimate the error from two refined simulations run alongside; auto = unless
-            measured points correct the prediction, and in the node as long as it keeps up.
+        estimate: Estimate the error from two refined simulations in threads beside the run; auto =
+            unless measured points correct the prediction, and in the node as long as it keeps up.
     """
 
     target: float = parameter(0.001, "m", (1e-9, 1e3))

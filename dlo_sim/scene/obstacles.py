@@ -27,15 +27,12 @@ class Contact:
             itself; needs energy_momentum or implicit_midpoint. auto = off, with a warning where it
             passes through.
         stiffness: Contact force per unit length and penetration depth; 0 = chosen for each
-            obstacle: so that the weight on earth presses the cable in by a thousandth of its
-            diameter, landing at 2 m/s by a fiftieth, usual tension round an edge or a body by a
-            fiftieth, its tip gives way by a fortieth of what the cable gives way along itself, and
-            no throw at inputs.max_speed goes through a body.
-        restitution: Speed at which the cable leaves an obstacle that it hits, in the speed at which
-            it came: 0 = it lies where it lands, 1 = it bounces without loss; the same at every
-            step.
-        damping: Share of critical damping where the cable touches itself, and nowhere else: 0 = it
-            bounces.
+            obstacle, so that the weight on earth presses the cable in by a thousandth of its
+            diameter, landing at 2 m/s or usual tension round an edge by a fiftieth, and so on
+            (config/METHODS.md).
+        restitution: Speed at which the cable leaves an obstacle that it hits, as a fraction of that
+            at which it came: 0 = it lies where it lands, 1 = it bounces without loss.
+        damping: Fraction of critical damping where the cable touches itself: 0 = it bounces.
         friction: Coefficient of friction of the cable on itself, and on obstacles that have none of
             their own.
         markers: Largest number of obstacles that markers on ~/obstacles add while the node runs;
@@ -143,9 +140,9 @@ class Obstacle:
         if self.shape == "sphere":
             return away != 0.0
         rounding = {"capsule": self.size[0], "channel": self.size[1]}.get(self.shape, 0.0)
-        for extent, one in zip(self.size, self.axes, strict=True):
-            if abs(one[axis]) == 1.0:
-                prism = self.shape == "box" or (one == self.axes[2] and self.shape != "ring")
+        for extent, direction in zip(self.size, self.axes, strict=True):
+            if abs(direction[axis]) == 1.0:
+                prism = self.shape == "box" or (direction == self.axes[2] and self.shape != "ring")
                 return away > (0.5 * (extent - rounding) if prism else 0.0)
         return True
 

@@ -49,17 +49,15 @@ class Parameter:
     """One parameter of a scene.
 
     Attributes:
-        key: dotted name as in the scene file, for example `cable.length`.
+        key: dotted name as in the scene file, such as `cable.length`.
         kind: ROS name of the type; integers are accepted for a double.
         default: value if the file has none; arrays are tuples.
         unit: SI unit, empty for a dimensionless value.
-        low: smallest value allowed (each element of an array), None = unbounded.
-        high: largest value allowed, None = unbounded.
+        low, high: bounds (of each element of an array), None = unbounded.
         choices: the values allowed, empty = any value in the range.
         length: number of elements of an array, None = any number.
         auto: number that the word `auto` stands for, outside the range; None = it is not a value.
-        description: one sentence, without the unit.
-        read_only: fixed when the node starts.
+        description: one sentence, without the unit. read_only: fixed when the node starts.
     """
 
     key: str
@@ -108,9 +106,7 @@ def parameter(
 ) -> Any:
     """A dataclass field that is a parameter; its kind follows from the annotation.
 
-    Args:
-        bounds: smallest and largest value, for each element of an array.
-        auto: number that the word `auto` stands for.
+    `bounds`: of each element of an array; `auto`: number that the word `auto` stands for.
     """
     low, high = bounds or (None, None)
     limits = {"low": low, "high": high, "choices": choices, "auto": auto}
@@ -173,10 +169,8 @@ def _holds_groups(member: Field[Any]) -> bool:
 def check_value(row: Parameter, value: object) -> Value:
     """The value converted to this parameter's type: float, int, bool, str or a tuple of them.
 
-    Integers become floats for a double; NumPy and `array` values count as lists.
-
-    Raises:
-        SceneError: wrong type, not finite, out of range, wrong number of elements.
+    Integers become floats for a double; NumPy and `array` values count as lists. Raises SceneError
+    for a wrong type, number of elements or range, or what is not finite.
     """
     plain = value.tolist() if hasattr(value, "tolist") else value
     if plain is None:
@@ -255,11 +249,7 @@ def _check_number(row: Parameter, value: object, key: str) -> float | int:
 
 
 def check_names(key: str, names: Sequence[str], reserved: Sequence[str] = ()) -> None:
-    """Refuse duplicates and names that cannot be part of a key.
-
-    Raises:
-        SceneError: naming the first invalid one.
-    """
+    """Raise SceneError for duplicates and names that cannot be part of a key."""
     for name in names:
         taken = ("names", *reserved)
         if not _NAME.fullmatch(name) or name in taken:

@@ -39,11 +39,7 @@ class FileRefused(SceneError):
 
 
 def read_text(source: Path) -> str:
-    """The text of a file.
-
-    Raises:
-        FileRefused: missing, not a regular file (reading a pipe may block), too large, not UTF-8.
-    """
+    """The text of a file; FileRefused if missing, no regular file (pipes block), big, not UTF-8."""
     try:
         mode = source.stat().st_mode
         if stat.S_ISDIR(mode):
@@ -70,7 +66,6 @@ def parse_yaml(
     """The document in a text, as YAML 1.2.
 
     Args:
-        text: YAML.
         kind: `safe`: built-in types; `rt`: with comments and formatting, for a round trip.
         most_values: largest number of keys and values.
 
@@ -84,8 +79,8 @@ def parse_yaml(
         return yaml.load(text)
     except DuplicateKeyError as error:
         where = f"line {error.problem_mark.line + 1}" if error.problem_mark else "the file"
-        found = re.search(r'duplicate key "?(.*?)"? with', str(error.problem))
-        key = f" {found.group(1)}" if found else ""
+        duplicate = re.search(r'duplicate key "?(.*?)"? with', str(error.problem))
+        key = f" {duplicate.group(1)}" if duplicate else ""
         raise FileRefused(f"{where}: key{key} is there twice", "keep one of them") from None
     except MarkedYAMLError as error:
         where = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""

@@ -37,9 +37,7 @@ def one_line(message: str) -> str:
 
 
 def printable(text: str) -> str:
-    """A text with escapes, as of Python and YAML, for what is no character to be seen: line breaks,
-    control characters, bytes of a file name that are not UTF-8.
-    """
+    """A text with escapes for line breaks, control characters, and bytes that are not UTF-8."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
@@ -61,5 +59,5 @@ def shown(value: object) -> str:
 
 def nearest(key: str, known: Iterable[str]) -> str:
     """`; did you mean ...?` with the closest known key, or empty when none is close."""
-    found = difflib.get_close_matches(key, list(known), n=1, cutoff=0.6)
-    return f"; did you mean {found[0]}?" if found else ""
+    close = difflib.get_close_matches(key, list(known), n=1, cutoff=0.6)
+    return f"; did you mean {close[0]}?" if close else ""

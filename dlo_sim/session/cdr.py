@@ -76,10 +76,8 @@ _FLOAT32_REACH = 1000.0
 
 
 class DecodeError(ValueError):
-    """Bytes that are not a complete message of the expected type; its text is one line.
-
-    Attributes:
-        reason: of `diagnostics.REASONS`.
+    """Bytes that are not a complete message of the expected type; one line of text and a `reason`
+    of `diagnostics.REASONS`.
     """
 
     reason = "undecodable"
@@ -100,8 +98,8 @@ class Stamped(NamedTuple):
 
 
 class Marker(NamedTuple):
-    """What describes an obstacle in a visualization_msgs/Marker: frame, namespace/id, type, action,
-    position [m] and quaternion x, y, z, w, scale [m], lifetime [ns], and its points, shape (n, 3).
+    """The fields of a visualization_msgs/Marker that describe an obstacle: position and scale in m,
+    lifetime in ns, and its points, shape (n, 3).
     """
 
     frame_id: str
@@ -115,8 +113,8 @@ class Marker(NamedTuple):
 
 
 class Table(NamedTuple):
-    """A header and rows of numbers: points x, y, z [m], shape (n, 3), or poses x, y, z [m],
-    quaternion x, y, z, w, shape (n, 7).
+    """A header, and points x, y, z [m], shape (n, 3), or poses with quaternion x, y, z, w, shape
+    (n, 7).
     """
 
     stamp_ns: int
@@ -125,10 +123,7 @@ class Table(NamedTuple):
 
 
 class DiagnosticStatus(NamedTuple):
-    """One diagnostic_msgs/DiagnosticStatus; level 0 OK, 1 WARN, 2 ERROR, 3 STALE.
-
-    `encode_diagnostic_array` puts the name of the node before `name`.
-    """
+    """One diagnostic_msgs/DiagnosticStatus; level 0 OK, 1 WARN, 2 ERROR, 3 STALE."""
 
     level: int
     name: str
@@ -142,8 +137,7 @@ class DiagnosticStatus(NamedTuple):
 def read(kind: str, raw: Bytes) -> Any:
     """A message as an object of `rosbags.typesys`.
 
-    Raises:
-        DecodeError: truncated or overlong bytes, an unknown encapsulation, an impossible text.
+    Raises DecodeError: truncated or overlong bytes, an unknown encapsulation, an impossible text.
     """
     message, end = _load(kind, raw)
     _check_end(kind, raw, end)
@@ -177,9 +171,11 @@ def _load(kind: str, raw: Bytes, begin: int = 0) -> tuple[Any, int]:
 def decode(
     kind: str, raw: Bytes, *, keep_missing: bool = True, most: int = _MOST_MARKERS
 ) -> Stamped:
-    """Header and numbers of a WrenchStamped (6), Vector3Stamped (3) or PoseStamped (7), or the
-    positions (3 each) of a PoseArray or PointCloud2. A Bool (1) has no header: stamp 0, no frame.
-    Of a MarkerArray stamp and frame of the first marker, and a `Marker` each.
+    """Header and numbers of a message.
+
+    They are those of a WrenchStamped (6), Vector3Stamped (3), PoseStamped (7) or Bool (1, without
+    header: stamp 0, no frame), the positions (3 each) of a PoseArray or PointCloud2, or a `Marker`
+    each of a MarkerArray, with stamp and frame of the first one.
 
     Args:
         keep_missing: also positions that have a NaN. most: number of markers that are used.
@@ -204,7 +200,7 @@ def _decode_markers(raw: Bytes, most: int) -> Stamped:
     count = int.from_bytes(raw[4:8], "little" if raw[1:2] == b"\1" else "big")
     if count > most or len(raw) > _MOST_BYTES:
         raise TooMany(f"{count} markers in {len(raw)} bytes, {most} at most are used")
-    found: list[tuple[int, Marker]] = []
+    markers: list[tuple[int, Marker]] = []
     end = 8
     for _ in range(count):
         m, points, end = _load_marker(raw, end)
@@ -213,17 +209,15 @@ def _decode_markers(raw: Bytes, most: int) -> Stamped:
         lifetime_ns = m.lifetime.sec * _NANO + m.lifetime.nanosec
         name, scale = f"{m.ns}/{m.id}", _vector_of(m.scale)
         marker = Marker(frame_id, name, m.type, m.action, pose, scale, lifetime_ns, points)
-        found.append((stamp_ns, marker))
-    if not found:
+        markers.append((stamp_ns, marker))
+    if not markers:
         raise DecodeError("the array holds no markers")
     _check_end(MARKER_ARRAY, raw, end)
-    return Stamped(found[0][0], found[0][1].frame_id, tuple(marker for _, marker in found))
+    return Stamped(markers[0][0], markers[0][1].frame_id, tuple(marker for _, marker in markers))
 
 
 def _load_marker(raw: Bytes, begin: int) -> tuple[Any, Array, int]:
-    """The fields of a marker before its points, which may be thousands, the points as a table, and
-    its end, from the begin of the one before in an array.
-    """
+    """The fields of a marker before its points, the points as a table, and its end."""
     head_, end = _load(_MARKER_HEAD, raw, begin - 4 + -begin % 4)
     end += -end % 4 + 4
     count = int.from_bytes(raw[end - 4 : end], "little" if raw[1] else "big")
@@ -252,11 +246,7 @@ def stamp_of(kind: str, raw: Bytes) -> int | None:
 
 
 def decode_pose_array(raw: Bytes, most: int | None = None) -> Table:
-    """Header and poses of a PoseArray.
-
-    Raises:
-        DecodeError: as `decode`. TooMany: more than `most`.
-    """
+    """Header and poses of a PoseArray; raises as `decode`, TooMany for more than `most`."""
     header, begin = _load("std_msgs/msg/Header", raw)
     order = "<" if raw[1] else ">"
     begin += -begin % 4 + 4
@@ -271,8 +261,8 @@ def decode_pose_array(raw: Bytes, most: int | None = None) -> Table:
 
 
 def decode_points(kind: str, raw: Bytes, *, keep_missing: bool = True) -> Table:
-    """Points of a PoseArray (its positions), PointCloud2 (with fields x, y, z) or MarkerArray (of
-    each marker its list of points, or its position if that is empty; header of the first one).
+    """Points of a PoseArray (its positions), PointCloud2 or MarkerArray (the points of each marker,
+    or its position if it has none; header of the first one).
 
     Args:
         keep_missing: also points that have a NaN.
@@ -281,9 +271,9 @@ def decode_points(kind: str, raw: Bytes, *, keep_missing: bool = True) -> Table:
         DecodeError: as `decode`, or it holds no points. TooMany: more than `MOST_POINTS`.
     """
     if kind == POSE_ARRAY:
-        found = decode_pose_array(raw, MOST_POINTS)
-        kept = keep_missing | ~np.isnan(found.rows[:, :3]).any(axis=1)
-        return found._replace(rows=found.rows[kept, :3])
+        table = decode_pose_array(raw, MOST_POINTS)
+        kept = keep_missing | ~np.isnan(table.rows[:, :3]).any(axis=1)
+        return table._replace(rows=table.rows[kept, :3])
     if kind == POINT_CLOUD:
         cloud = read(kind, raw)
         return Table(*head(cloud.header), _points_of_cloud(cloud, keep_missing))
@@ -332,11 +322,7 @@ def _points_of_cloud(cloud: Any, keep_missing: bool) -> Array:
 
 
 def decode_diagnostic_array(raw: Bytes) -> tuple[int, list[DiagnosticStatus]]:
-    """Stamp [ns] and statuses of a DiagnosticArray; names include that of the node.
-
-    Raises:
-        DecodeError: as `decode`.
-    """
+    """Stamp [ns] and statuses of a DiagnosticArray, with full names; raises as `decode`."""
     message = read(DIAGNOSTIC_ARRAY, raw)
     return head(message.header)[0], [
         DiagnosticStatus(s.level, s.name, s.message, tuple((v.key, v.value) for v in s.values))
@@ -403,11 +389,7 @@ def _pose(values: Sequence[float]) -> Any:
 
 
 def encode_transforms(stamp_ns: int, frame_id: str, frames: Mapping[str, Sequence[float]]) -> bytes:
-    """A TFMessage.
-
-    Args:
-        frames: child frame -> x, y, z [m], quaternion x, y, z, w in frame_id.
-    """
+    """A TFMessage; `frames`: child frame -> x, y, z [m], quaternion x, y, z, w in frame_id."""
     header = _new_header(frame_id, stamp_ns)
     transforms = []
     for child, pose in frames.items():
@@ -425,11 +407,11 @@ def encode_diagnostic_array(
 ) -> bytes:
     """A DiagnosticArray of these statuses.
 
-    The full name of the node is the hardware_id and the prefix of each name, such as
-    `/left/dlo_sim: session`, to distinguish several nodes.
+    The full name of the node is the hardware_id and the prefix of each name: `/left/dlo_sim:
+    session`.
     """
     pair = STORE.types["diagnostic_msgs/msg/KeyValue"]
-    found = [
+    made = [
         new(
             "diagnostic_msgs/msg/DiagnosticStatus",
             level=status.level,
@@ -440,12 +422,12 @@ def encode_diagnostic_array(
         )
         for status in statuses
     ]
-    return write(DIAGNOSTIC_ARRAY, STORE.types[DIAGNOSTIC_ARRAY](_new_header("", stamp_ns), found))
+    return write(DIAGNOSTIC_ARRAY, STORE.types[DIAGNOSTIC_ARRAY](_new_header("", stamp_ns), made))
 
 
 def encode_point_cloud(stamp_ns: int, frame_id: str, fields: Sequence[str], rows: Array) -> bytes:
-    """A PointCloud2 of points x, y, z, ... [m], shape (n, fields): float32, or float64 if they are
-    so far from the origin that float32 would be too coarse.
+    """A PointCloud2 of points x, y, z, ... [m], shape (n, fields), as float32, or float64 if they
+    are far from the origin.
     """
     doubles = bool(np.abs(rows[:, :3]).max(initial=0.0) > _FLOAT32_REACH)
     size, kind = (8, 8) if doubles else (4, 7)
@@ -478,11 +460,10 @@ _NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # viewers complain about a zero 
 
 
 class _Template:
-    """A message in which only stamps, doubles and shades of colour change; all else was serialised
+    """A message in which only stamps, doubles and shades of colour change; all else is serialised
     once.
 
-    Args:
-        message: with `_STAMP_NS`, `_NUMBER` and `_SHADE` in their places.
+    It is made of a message with `_STAMP_NS`, `_NUMBER` and `_SHADE` in the places that change.
     """
 
     def __init__(self, kind: str, message: Any) -> None:
@@ -499,14 +480,14 @@ class _Template:
         return values, np.flatnonzero(values == value)
 
     def encode(self, stamp_ns: int, numbers: ArrayLike, shades: Array | None = None) -> bytes:
-        """The message with this stamp [ns], these numbers, in the order of their places, and, if
-        every point of a line has its own, colours (count, 4).
+        """The message with these numbers in the order of their places, and colours (count, 4) if
+        every point of a line has its own.
         """
-        for (values, places), given in (
+        for (values, places), replacement in (
             (self._stamps, (stamp_ns // _NANO % 2**32, stamp_ns % _NANO)),
             (self._numbers, np.asarray(numbers).ravel()),
         ):
-            values[places] = given
+            values[places] = replacement
         if shades is not None:
             values, places = self._shades
             values[places] = shades.ravel()
@@ -514,9 +495,7 @@ class _Template:
 
 
 class StampedEncoder(_Template):
-    """Writes WrenchStamped (numbers: force, torque), Vector3Stamped or PoseStamped (position,
-    quaternion x, y, z, w) with a constant frame.
-    """
+    """Writes WrenchStamped (force, torque), Vector3Stamped or PoseStamped with a constant frame."""
 
     def __init__(self, kind: str, frame_id: str) -> None:
         body = _pose([_NUMBER] * 7) if kind == POSE_STAMPED else _vector([_NUMBER] * 3)
@@ -526,7 +505,7 @@ class StampedEncoder(_Template):
 
 
 class PoseArrayEncoder(_Template):
-    """Writes a PoseArray of a constant number of poses in a constant frame.
+    """Writes a PoseArray with a constant number of poses and a constant frame.
 
     Attributes:
         rows: x, y, z [m], quaternion x, y, z, w, shape (count, 7), to be filled in.
@@ -549,11 +528,8 @@ class LineEncoder(_Template):
     """Writes a Marker of lines with a constant number of points [m], shape (count, 3).
 
     Args:
-        frame_id: frame of the points.
-        namespace: by which a viewer identifies the marker.
-        count: number of points.
-        width: line width, scale.x [m].
-        color: red, green, blue, alpha, 0..1.
+        namespace: by which a viewer identifies the marker. count: number of points.
+        width: line width, scale.x [m]. color: red, green, blue, alpha, 0..1.
         lifetime_ns: time without a new message after which the viewer removes the line.
         colored: whether every point has its own colour.
         kind: LINE_STRIP through all points, or LINE_LIST between the points of each pair.
@@ -578,11 +554,9 @@ class LineEncoder(_Template):
 
 
 class CapsuleEncoder:
-    """Writes a chain of capsules as a MarkerArray: one cylinder each, and a sphere at each joint.
+    """Writes a chain of `count` capsules as a MarkerArray: cylinders, and a sphere at each joint.
 
-    Args:
-        frame_id, namespace, color, lifetime_ns: as for `LineEncoder`.
-        count: number of capsules.
+    Other arguments as for `LineEncoder`.
     """
 
     def __init__(
@@ -596,10 +570,10 @@ class CapsuleEncoder:
         self._template = _Template(MARKER_ARRAY, STORE.types[MARKER_ARRAY](markers))
 
     def encode(self, stamp_ns: int, joints: Array, radii: Array) -> bytes:
-        """The chain through joints [m], shape (count + 1, 3).
+        """The chain through joints [m], shape (count + 1, 3), of capsules with radii [m], shape
+        (count,).
 
-        Args:
-            radii: of the capsules [m], shape (count,); a joint has the larger one of its capsules.
+        A joint has the larger radius of its capsules.
         """
         count, ways = self._count, np.diff(joints, axis=0)
         lengths = np.linalg.norm(ways, axis=1)
@@ -616,9 +590,9 @@ class CapsuleEncoder:
 
 
 class Body(NamedTuple):
-    """A marker of one shape: CUBE, SPHERE or CYLINDER, its pose (7), and its extents [m] (3); or a
-    TRIANGLE_LIST of points [m], shape (3 k, 3), in the frame of the pose, times the extents, or the
-    same from a file, as the URL of a MESH_RESOURCE.
+    """A marker of one shape: CUBE, SPHERE or CYLINDER, with pose (7) and extents [m] (3); or a
+    TRIANGLE_LIST of points [m], shape (3 k, 3), in the frame of the pose, times the extents, or a
+    MESH_RESOURCE with the URL of a file.
     """
 
     kind: int
@@ -637,11 +611,11 @@ def encode_contacts(
     width: float,
     colors: tuple[Color, Color],
 ) -> bytes:
-    """A MarkerArray of bodies, and of one LINE_LIST between the points of each pair in `lines`,
-    shape (2 k, 3).
+    """A MarkerArray of bodies, and of one LINE_LIST between the points of each pair in `lines`.
 
     Args:
-        width: of the lines [m]. colors: of bodies and of lines. Others as for `LineEncoder`.
+        lines: shape (2 k, 3). width: of the lines [m]. colors: of bodies and of lines. Others as
+            for `LineEncoder`.
     """
     markers = [_marker(frame_id, "contacts", 0, LINE_LIST, colors[1], lifetime_ns)]
     markers[0].scale = _vector([width, 0.0, 0.0])

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 _MOST_ADVICE = 20
 AGAIN = 0.5  # of the target: the error must have fallen below it before an excess counts again
-# So many messages in a row that are ahead of the clock by more than this [ns] are a wrong clock.
+# A clock is wrong if _MANY messages in a row are ahead of it by more than _AHEAD [ns].
 _AHEAD, _MANY = 20_000_000, 50
 
 REASONS: dict[str, str] = {
@@ -41,9 +41,9 @@ REASONS: dict[str, str] = {
     "too_fast": "a pose that would need more than inputs.max_speed",
     "too_many": "more points than are used (5,000 measured, 20,000 of a plan), a plan while a "
     "hundred wait, or more than 2 contact.markers + 1 markers or 1 MB of them in a message",
-    "bad_marker": "a marker that is no obstacle: an ellipsoid, an open mesh, without size, a crumb "
+    "bad_marker": "a marker that is no obstacle: an ellipsoid, an open mesh, without size, tiny "
     "beside the cable, of another type",
-    "bad_plan": "a plan whose joints, times or poses the end effectors cannot follow from here",
+    "bad_plan": "a plan whose joints, times or poses the end effectors cannot follow now",
 }
 """The reasons for which messages are refused."""
 
@@ -63,9 +63,9 @@ EVENTS: dict[str, str] = {
     "full": "more measurements wait than fit; the oldest is lost",
     "too_many": "meshes of markers came faster than they are made; of each obstacle the newest "
     "is made",
-    "not_added": "an obstacle was not added: the cable is inside it, or contact.markers are there",
+    "not_added": "an obstacle was not added: the cable is in it, or contact.markers is reached",
     "jumped": "an obstacle would have to move faster than inputs.max_speed; it stays where it is",
-    "not_taken": "a gripper was to take the cable where it is already held",
+    "not_taken": "a gripper cannot take the cable where it is already held",
     "slipped_out": "the end of the cable has slipped out of a grasp that slides",
     "load_removed": "no message for the load's timeout; the load was removed",
     "time_skipped": "the simulation could not keep up; simulated time was skipped",
@@ -108,10 +108,8 @@ class TickReport(NamedTuple):
     """Result of a tick.
 
     Attributes:
-        advanced_steps: steps taken.
-        lag_ns: time by which the state is behind the wanted one [ns], because poses are missing or
-            the computer is too slow.
-        status: state of the session.
+        lag_ns: how far the state is behind the wanted time [ns], because poses are missing or the
+            computer is too slow.
         message: one line: why it failed or what it waits for; else "".
         stop: the simulator failed and `integrator.on_failure` is `stop`.
     """
@@ -128,10 +126,10 @@ class TopicRecord:
     """Counters of one input topic.
 
     timeout: silence that is reported [s], 0 = never. occasional: it is normal to receive nothing.
-    copies: messages that came again, as from a second recorder, and are ignored.
-    unframed: frame in which messages without a frame_id are taken; empty = there were none.
-    delays_ns: least and greatest age of the stamps [ns] on arrival since the last report.
-    ahead: number of messages whose stamps were ahead of the clock, in a row.
+    copies: repeated messages, as from a second recorder, which are ignored. unframed: frame in
+    which messages without a frame_id are taken; empty = there were none. delays_ns: least and
+    greatest age of the stamps [ns] on arrival since the last report. ahead: number of messages in a
+    row whose stamps were ahead of the clock.
     """
 
     topic: str
@@ -171,8 +169,7 @@ class Journal:
 
     Attributes:
         topics: counters of each input. events: name -> number. last_event: its line of text.
-        advice: what the events of `ADVICE` said, each line once.
-        skipped_ns: simulated time that was skipped [ns].
+        advice: the lines of the events in `ADVICE`, once each. skipped_ns: skipped time [ns].
     """
 
     def __init__(self, topics: Sequence[str]) -> None:
@@ -216,8 +213,7 @@ class Accuracy:
 
     Attributes:
         warning: the excess and its cure, one line; empty while the error is acceptable.
-        largest: the largest errors so far; None if none were estimated.
-        advice: the cure for them; empty if they are acceptable.
+        largest, advice: the largest errors so far (None if none were estimated), and their cure.
     """
 
     def __init__(self, scene: Scene, journal: Journal) -> None:

@@ -2,10 +2,10 @@
 
 SMOOTHING. Poses tracked by a camera have errors of about half a millimetre. That hardly affects
 shapes but spoils forces: at 30 Hz a white noise of 1 mm is an acceleration noise of sqrt(6) mm /
-dt^2 = 2 m/s^2, and the inertia of the whole cable makes it a force noise. With `pose_smoothing` w
-each pose is replaced by the value, at its own stamp, of the parabola that best fits the poses
-within +-w (weights 1 - (t/w)^2). Motion of constant acceleration is unchanged, without a phase lag.
-The cost is latency: a pose is ready when one beyond its window has arrived, or after a silence.
+dt^2 = 2 m/s^2, which acts on the mass of the whole cable. With `pose_smoothing` w each pose is
+replaced by the value, at its own stamp, of the parabola that best fits the poses within +-w
+(weights 1 - (t/w)^2). Motion of constant acceleration is unchanged, without a phase lag. The cost
+is latency: a pose is ready when one beyond its window has arrived, or after a silence.
 
 PATH. Between the midpoints of consecutive stamps the path is a parabola. For equal intervals it is
 the quadratic B-spline whose control points are the poses: C1, with piecewise constant acceleration,
@@ -15,8 +15,8 @@ segment:
     defect c = h (v0 + v1)/2 - d;  end velocity = v1 - c/h;  so the path misses its target by c/2.
 For equal intervals c = 0. For unequal ones the miss decays within one segment instead of growing
 (correcting all of c at once would make it alternate forever). Each segment starts where the last
-one ended, so the path is continuous for any sequence of poses. Knots are rounded up to the
-simulator's steps, so that no step contains two parabolas.
+one ended, so the path is continuous. Knots are rounded up to the simulator's steps, so that no step
+contains two parabolas.
 
 SILENCE. The path is never extrapolated: without the next pose there is no next segment, and the
 simulation waits. After a silence longer than `pose_timeout` the last pose is held as if it were
@@ -56,36 +56,26 @@ Array = NDArray[np.float64]
 
 _ZERO: Vector = (0.0, 0.0, 0.0)
 
-# Poses waiting to be used; a paused simulation must not collect them without limit.
-_MOST_WAITING = 5000
+_MOST_WAITING = 5000  # poses; a paused simulation must not collect them without limit
 
-# A return to the poses has at most these mean speeds, and lasts at least so long.
-SPEED, TURN, LEAST_TIME = 1.0, 2.0, 0.1  # m/s, rad/s, s
+# Largest mean speeds [m/s], [rad/s] and least duration [s] of a return to the poses.
+SPEED, TURN, LEAST_TIME = 1.0, 2.0, 0.1
 _NEAR = 1e-9  # m, rad
 
-# What poses need is the second largest of so many intervals: one dropout is no rate.
-_INTERVALS = 10
-# Until so many poses were used, the need is foreseen from those that have come.
-_FORESEEN = 3
-# So many of them that are longer than pose_timeout are a rate, not silences.
-_SILENCES = 3
-# A need that has become less lowers the lag after one to two times this time [ns].
-_CALM = 5 * SECOND
-# The delay of the poses is the smallest of the largest delays in each of so many windows, so that a
-# hold-up is no delay, but poses that always come in bursts are delayed. A window lasts at least so
-# long [ns] and contains so many arrivals. Messages that arrive at the same instant are one arrival,
-# with the delay of the oldest of them, because the path could not go on before they came.
+_INTERVALS = 10  # of which the second largest is the need: a single dropout does not count
+_FORESEEN = 3  # used poses up to which the need is foreseen from the poses that were received
+_SILENCES = 3  # intervals longer than pose_timeout that are a rate, not silences
+_CALM = 5 * SECOND  # a need that has decreased lowers the lag after one to two times this time
+# The delay of the poses is the smallest of the largest delays in each of _WINDOWS windows: a single
+# hold-up does not count, bursts do. A window lasts at least _WINDOW and contains _PER_WINDOW
+# arrivals. Messages within _AT_ONCE are one arrival with the delay of the oldest, because the path
+# could not continue before they came.
 _AT_ONCE, _WINDOW, _PER_WINDOW, _WINDOWS = SECOND // 50, SECOND // 4, 5, 8
 
 
 @dataclass
 class StepGrid:
-    """Start times of the simulator's steps in the time base.
-
-    Attributes:
-        origin_ns: time base [ns] of step 0.
-        step: duration tau of a step [s].
-    """
+    """Start times of the simulator's steps [s]: step 0 is at `origin_ns` in the time base."""
 
     origin_ns: int
     step: float
@@ -110,9 +100,7 @@ class StepGrid:
 
 
 def grid_multiple_at_or_after(base_ns: int, step: float) -> int:
-    """The first multiple of the step [s], rounded to 1 ns, at or after `base_ns` [ns], where a
-    simulation may begin.
-    """
+    """The first multiple of the step [s], rounded to 1 ns, at or after `base_ns` [ns]."""
     step_ns = max(1, round(step * 1e9))
     return -(-base_ns // step_ns) * step_ns
 
@@ -128,12 +116,10 @@ class Pose(NamedTuple):
 class SmoothedPoses(Waiting[Pose]):
     """Poses that wait to be used, and are smoothed as they are taken out.
 
-    A pose is ready once one beyond its window is there; until then messages that come late still
-    find their place in the window.
+    A pose is ready once one beyond its window is there; later messages are inserted until then.
 
     Args:
-        half_window_ns: w; 0 = no smoothing.
-        longest_gap_ns: windows do not extend across a longer gap.
+        half_window_ns: w; 0 = no smoothing. longest_gap_ns: that a window may contain.
         most: number of newest poses that are kept.
     """
 
@@ -189,7 +175,7 @@ class SmoothedPoses(Waiting[Pose]):
 
     def _near(self, pose: Pose, others: Iterable[Pose]) -> list[Pose]:
         """Those of the others, which follow each other away from the pose, in its window."""
-        found: list[Pose] = []
+        near: list[Pose] = []
         last_ns = pose.stamp_ns
         for other in others:
             if (
@@ -198,8 +184,8 @@ class SmoothedPoses(Waiting[Pose]):
             ):
                 break
             last_ns = other.stamp_ns
-            found.append(other)
-        return found
+            near.append(other)
+        return near
 
 
 def _fitted(pose: Pose, window: list[Pose], half_window_ns: int) -> Pose:
@@ -208,27 +194,26 @@ def _fitted(pose: Pose, window: list[Pose], half_window_ns: int) -> Pose:
         return pose
     # Slightly wider, so that the weights of poses at the very ends are not zero.
     scale = 1.0 / (1.001 * half_window_ns)
-    share = weights_of_the_value_at_zero([(p.stamp_ns - pose.stamp_ns) * scale for p in window])
-    position = _weighted(share, [p.position for p in window])
+    weights = weights_of_the_value_at_zero([(p.stamp_ns - pose.stamp_ns) * scale for p in window])
+    position = _weighted(weights, [p.position for p in window])
     middle = pose.orientation
     if all(p.orientation == middle for p in window):
         return Pose(pose.stamp_ns, position, middle)
-    turn = _weighted(share, [turn_between(middle, p.orientation) for p in window])
+    turn = _weighted(weights, [turn_between(middle, p.orientation) for p in window])
     return Pose(pose.stamp_ns, position, turned(middle, turn))
 
 
-def _weighted(share: list[float], vectors: list[Vector]) -> Vector:
+def _weighted(weights: list[float], vectors: list[Vector]) -> Vector:
     """Weighted sum of vectors."""
     x, y, z = zip(*vectors, strict=True)
-    return sum(map(mul, share, x)), sum(map(mul, share, y)), sum(map(mul, share, z))
+    return sum(map(mul, weights, x)), sum(map(mul, weights, y)), sum(map(mul, weights, z))
 
 
 def weights_of_the_value_at_zero(times: list[float]) -> list[float]:
     """Weights g so that g.y = a for the best parabola a + b t + c t^2 through y; |t| < 1.
 
     With w = 1 - t^2 and the moments m_k = sum w t^k, g_i = w_i (x_0 + x_1 t_i + x_2 t_i^2), where x
-    solves the normal equations [m_(j+k)] x = (1, 0, 0). For nine poses plain floats take a fifth of
-    the time of arrays.
+    solves [m_(j+k)] x = (1, 0, 0). Plain floats take a fifth of the time of arrays for nine poses.
     """
     m0 = m1 = m2 = m3 = m4 = 0.0
     weights = []
@@ -248,12 +233,9 @@ def weights_of_the_value_at_zero(times: list[float]) -> list[float]:
 
 
 class Shift(NamedTuple):
-    """A displacement of poses that fades by 1 - 3 x^2 + 2 x^3, x = (stamp - begin) / duration.
+    """A displacement of poses that fades by 1 - 3 x^2 + 2 x^3, x = (stamp - begin) / duration [s].
 
-    Attributes:
-        begin_ns: time base [ns]; duration: [s].
-        offset: displacement [m] at the beginning.
-        turn: rotation vector [rad] at the beginning, world frame.
+    At the beginning it is `offset` [m] and the rotation vector `turn` [rad], world frame.
     """
 
     begin_ns: int
@@ -279,7 +261,7 @@ class Shift(NamedTuple):
         return math.hypot(*self.offset)
 
     def weight(self, stamp_ns: int) -> float:
-        """Remaining share of the shift, from 1 to 0."""
+        """Remaining fraction of the shift, from 1 to 0."""
         x = min(1.0, max(0.0, (stamp_ns - self.begin_ns) / (self.duration * SECOND)))
         return 1.0 - x * x * (3.0 - 2.0 * x)
 
@@ -297,7 +279,7 @@ class Shift(NamedTuple):
 
 
 class PoseTiming:
-    """What the poses of one end effector need.
+    """The lag that the poses of one end effector need, from their intervals and delays.
 
     Attributes:
         fresh: whether anything has changed since this was last set to False.
@@ -374,7 +356,7 @@ class PoseTiming:
     @property
     def delay_ns(self) -> int:
         """The usual delay of the messages [ns]."""
-        # A hold-up at the beginning may be the largest of the first window.
+        # The only window may contain a hold-up at the beginning.
         return max(0, min(self._largest) if len(self._largest) > 1 else self._least_ns)
 
     @property
@@ -402,9 +384,7 @@ def _second_largest(values: deque[int]) -> int:
 
 
 class Segment(NamedTuple):
-    """A motion from step `first` to step `last` (indices of the grid); `last` None: at rest until
-    further notice.
-    """
+    """A motion from step `first` to step `last` of the grid; None: at rest until further notice."""
 
     first: int
     last: int | None
@@ -424,8 +404,7 @@ class GripperPath(SmoothedPoses):
     """The path of one end effector, or obstacle, from its accepted poses.
 
     Args:
-        end: its name, for messages.
-        holder: gives pose_timeout and pose_smoothing.
+        end: its name, for messages. holder: gives pose_timeout and pose_smoothing.
         journal: counts silences, returns and late poses.
 
     Attributes:
@@ -483,8 +462,8 @@ class GripperPath(SmoothedPoses):
         return wanted_ns - self.newest.stamp_ns > self.timeout_ns
 
     def begin(self, base_ns: int) -> tuple[Array, Array]:
-        """Start the path at rest at the newest pose not after `base_ns`, else at the first pose;
-        returns (position, orientation).
+        """Start at rest at the newest pose not after `base_ns`, else at the first; return that
+        pose.
         """
         while (stamp_ns := self.next_change_ns()) is not None and (
             self._center is None or stamp_ns <= base_ns
@@ -495,8 +474,8 @@ class GripperPath(SmoothedPoses):
         return np.array(self._present.position), np.array(self._present.orientation)
 
     def skip_to(self, base_ns: int, position: Array, orientation: Array) -> None:
-        """Handle a jump of the simulation to `base_ns`, with the end at rest at this pose: drop
-        older poses and rejoin newer ones.
+        """Jump to `base_ns`, with the end at rest at this pose: drop older poses and rejoin newer
+        ones.
         """
         for pose in self.due(base_ns):
             self._center = pose
@@ -505,12 +484,9 @@ class GripperPath(SmoothedPoses):
             self._rejoin(self._center._replace(stamp_ns=base_ns))
 
     def replan(self, motion: EndMotion, now: float, grid: StepGrid, last: int) -> Segment:
-        """The remainder of the present motion on another grid.
+        """The remainder of a motion of `next_segment` on another grid, up to its step `last`.
 
-        Args:
-            motion: the motion in progress, from `next_segment`.
-            now: present time of the old simulator [s]; the new one is at time 0 and step 0.
-            last: step of the new grid at which the motion ends.
+        `now`: present time of the old simulator [s]; the new one is at time 0 and step 0.
         """
         target = self._present
         self._present = _State(
@@ -524,7 +500,7 @@ class GripperPath(SmoothedPoses):
     def next_segment(
         self, grid: StepGrid, index: int, time: float, wanted_ns: int
     ) -> Segment | None:
-        """The motion that begins at step `index` (simulator time `time` [s]), or None: wait for a
+        """The motion from step `index` (simulator time `time` [s]), or None while it waits for a
         pose.
 
         Args:
@@ -559,8 +535,8 @@ class GripperPath(SmoothedPoses):
     def _segment_between(
         self, center: Pose, pose: Pose, grid: StepGrid, index: int, time: float
     ) -> Segment | None:
-        """The parabola that ends half-way in time between two poses; None if that time is past or
-        too close.
+        """The parabola that ends half-way in time between two poses; None if that is past or too
+        close.
         """
         interval_ns = pose.stamp_ns - center.stamp_ns
         self._interval_ns = interval_ns
@@ -582,8 +558,8 @@ class GripperPath(SmoothedPoses):
         return self._move_to(target, index, last, grid.step, time)
 
     def _move_to(self, target: _State, first: int, last: int, step: float, time: float) -> Segment:
-        """Parabola from the present state to a target by the formula of the module; the present
-        state becomes that at its end.
+        """Parabola from the present state to a target (formula of the module); move the state to
+        its end.
         """
         duration = (last - first) * step
         p0, q0, p1, w1 = self._present
@@ -607,8 +583,8 @@ class GripperPath(SmoothedPoses):
         return Segment(first, last, motion)
 
     def _come_to_rest(self, grid: StepGrid, index: int, time: float) -> Segment | None:
-        """A segment to the last pose as if it were repeated, then one more to remove the miss; None
-        once at rest.
+        """A segment to the last pose as if repeated, then one to remove the miss; None once at
+        rest.
         """
         center = self._center
         assert center is not None
@@ -626,8 +602,8 @@ class GripperPath(SmoothedPoses):
         return segment
 
     def _pass_over(self, now_ns: int) -> None:
-        """Skip the poses before `now_ns`, which the simulation has passed, and rejoin the following
-        ones from the present pose of the end.
+        """Skip the poses before `now_ns`, and rejoin the later ones from the present pose of the
+        end.
         """
         late = list(self.due(now_ns - 1))
         for _ in late:

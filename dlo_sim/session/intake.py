@@ -1,8 +1,6 @@
 """Checks serialised input messages: poses, loads, grasps that take or release, measured points.
 
-A bad message is refused with a reason; it never raises and is never used. Signs and frames of the
-inputs: config/NODE.md. Loads act on the cable; a torque is about the point of the cable where it
-acts, whatever the frame of its axes.
+A bad message is refused with a reason and never used. Signs and frames: config/NODE.md.
 """
 
 from __future__ import annotations
@@ -29,36 +27,23 @@ from dlo_sim.session.time_base import MOST_BEHIND, SECOND, Copy, Decision, Sourc
 from dlo_sim.session.topics import POINT_KINDS, InputTopic, tf_inputs
 from dlo_sim.session.waiting import LoadMessage, TakeMessage, Waiting
 
-# Positions further from the origin than this must be a mistake [m].
-MOST_DISTANT = 1e8
-
-# The distance of two points may differ from pose_spacing by this share.
-SPACING_TOLERANCE = 0.1
-
+MOST_DISTANT = 1e8  # [m] from the origin; positions beyond it must be a mistake
+SPACING_TOLERANCE = 0.1  # of pose_spacing, by which the distance of two points may differ
 # The remark about positions that are as expected if divided by 1000.
 MILLIMETRES = "1000 times too large: metres?"
-# In cable lengths: a pose may be so far from where the scene expects it without suspicion, and is
-# suspected if a thousandth of it is no further away than this.
+# Distances from the expected place in cable lengths: of a suspected pose, and of its thousandth.
 _UNSUSPECTED, _NEAR = 50.0, 10.0
 
-# The norm of a quaternion may differ from 1 by this much; it is then normalised.
-NORM_TOLERANCE = 1e-3
-
+NORM_TOLERANCE = 1e-3  # by which the norm of a quaternion may differ from 1; it is normalised
 # Consecutive positions may differ by inputs.max_speed times the time between them, at most this
-# window, plus a slack for noise.
-SPEED_WINDOW, SPEED_SLACK = 0.1, 1e-3  # s, m
-
-# Largest rotation of two points from one message to the next [rad].
-MOST_TURN = 0.5 * math.pi
-
-# Most messages of a topic that wait for their transforms while the clock stands still.
-_MOST_WAITING = 1000
+# window [s], plus a slack [m] for noise.
+SPEED_WINDOW, SPEED_SLACK = 0.1, 1e-3
+MOST_TURN = 0.5 * math.pi  # [rad] of two points from one message to the next
+_MOST_WAITING = 1000  # messages of a topic that wait for transforms while the clock stands still
 
 
 class Transform(NamedTuple):
-    """Pose of a frame in the world frame: stamp [ns], 0 = static; position [m], unit quaternion
-    x, y, z, w.
-    """
+    """Pose of a frame in the world: stamp [ns], 0 = static; position [m], quaternion x, y, z, w."""
 
     stamp_ns: int
     position: Vector
@@ -71,8 +56,7 @@ class Transforms(Protocol):
     def lookup(self, frame: str, stamp_ns: int | None) -> Transform:
         """Pose of a frame at a stamp [ns], interpolated, never extrapolated; None = the newest.
 
-        Raises:
-            Refused: `no_transform`: not available at that stamp, or not yet.
+        Raises Refused (`no_transform`) if it is not available at that stamp, or not yet.
         """
 
     def clear(self) -> None:
@@ -80,13 +64,9 @@ class Transforms(Protocol):
 
 
 def in_world(message: Stamped, kind: str, transform: Transform) -> Stamped:
-    """The message transformed to the world frame.
+    """The message of a kind (`session.topics`) in the frame of the transform, in the world frame.
 
     Positions become p + R x. Forces and torques become R x: the point they refer to is the same.
-
-    Args:
-        message: in the frame of the transform.
-        kind: of its topic (`session.topics`).
     """
     _, position, orientation = transform
     values = np.array(message.values)
@@ -100,7 +80,7 @@ def in_world(message: Stamped, kind: str, transform: Transform) -> Stamped:
 
 
 def in_millimetres(position: Sequence[float], expected: Sequence[float], length: float) -> bool:
-    """Whether a position seems to be in millimetres: far from where it is expected [m], in terms of
+    """Whether a position seems to be in millimetres: far from the expected one [m], compared with
     the cable's length [m], but near to it if divided by 1000.
     """
     thousandth = [1e-3 * x for x in position]
@@ -135,7 +115,7 @@ class ContentCheck:
 
         Returns:
             The message; its frame_id is replaced by the name of the end or grasp in whose
-            end-effector frame it is, or "" for the world frame.
+                end-effector frame it is, or "" for the world frame.
 
         Raises:
             Refused: it cannot be used.
@@ -180,11 +160,7 @@ class ContentCheck:
 
 
 def check_finite(values: Sequence[float]) -> None:
-    """Refuse a number that is not finite.
-
-    Raises:
-        Refused: `not_finite`.
-    """
+    """Raise Refused (`not_finite`) for a number that is not finite."""
     # The sum of finite numbers overflows only far beyond every limit.
     if not math.isfinite(sum(values)):
         raise Refused("not_finite", f"{cdr.shown(values)} is not finite; repair its source")
@@ -215,12 +191,7 @@ def _check_position(position: Sequence[float]) -> None:
 
 
 def check_pose(values: Sequence[float]) -> None:
-    """Refuse a pose (7) with a number that is not finite, a position that is too far away, or a
-    quaternion that is not of unit length.
-
-    Raises:
-        Refused: it cannot be used.
-    """
+    """Raise Refused for a pose (7) that is not finite, too far away, or has no unit quaternion."""
     check_finite(values)
     _check_position(values[:3])
     norm = math.hypot(*values[3:])
@@ -236,11 +207,8 @@ def _too_distant(values: Sequence[float]) -> Refused:
 
 
 class Accepted(NamedTuple):
-    """A message that is used.
-
-    Attributes:
-        restart: whether everything before it is forgotten.
-        entries: the inputs that it is for (one topic may drive several).
+    """A message that is used by the inputs `entries` (one topic may drive several); `restart`:
+    whether everything before it is forgotten.
     """
 
     restart: bool
@@ -315,11 +283,11 @@ class Intake:
 
     Args:
         scene: gives limits, frames and timeouts.
-        queues: the input topics by their resolved names, and frames of tf2, each with the queue
-            that says up to which stamp the simulation has used it.
+        queues: input topics by resolved names, and tf2 frames -> queue that knows up to which stamp
+            the simulation has used it.
         time_base: decides from the stamps which messages are used and at which time.
         journal: counts the messages.
-        transforms: looks up frames that the scene does not name; None: such frames are refused.
+        transforms: looks up frames that the scene does not name; None: they are refused.
     """
 
     def __init__(
@@ -361,11 +329,11 @@ class Intake:
     def accept(
         self, name: str, raw: cdr.Bytes, arrival_ns: int, patience_ns: int
     ) -> list[Accepted]:
-        """Check one message; returns the messages to be used now: this one, and waiting ones of its
-        topic. Refused messages are counted.
+        """Check one message; return the messages to be used now: this one, and waiting ones of its
+        topic.
 
-        Args:
-            patience_ns: time for which a message waits for its transform [ns].
+        Refused messages are counted. `patience_ns`: how long a message waits for its transform
+        [ns].
 
         Raises:
             KeyError: the scene has no such input topic (an error of the caller, not of a message).
@@ -385,12 +353,12 @@ class Intake:
         return self._look_up(topic, arrival_ns, patience_ns)
 
     def sample(self, clock_ns: int, patience_ns: int) -> list[Accepted]:
-        """Take the newest pose of every tf2 frame that drives an end effector or an obstacle, as a
-        message that arrives at this clock time [ns], unless it was taken before.
+        """Take the newest pose of every tf2 frame that drives an end effector or an obstacle,
+        unless it was taken before, as a message that arrives at this clock time [ns].
         """
-        found: list[Accepted] = []
+        accepted: list[Accepted] = []
         if self._transforms is None:
-            return found
+            return accepted
         for frame, last_ns in self._sampled.items():
             try:
                 stamp_ns, position, orientation = self._transforms.lookup(frame, None)
@@ -402,17 +370,17 @@ class Intake:
             topic = self._topics[frame]
             topic.record.last_arrival_ns = clock_ns
             topic.waiting.append((Stamped(stamp_ns, "", (*position, *orientation)), clock_ns))
-            found += self._look_up(topic, clock_ns, patience_ns)
-        return found
+            accepted += self._look_up(topic, clock_ns, patience_ns)
+        return accepted
 
     def due(self, clock_ns: int, patience_ns: int) -> list[Accepted]:
         """Messages that have waited and are to be used at this clock time [ns]."""
-        found: list[Accepted] = []
+        accepted: list[Accepted] = []
         for topic in self._topics.values():
-            found += self._look_up(topic, clock_ns, patience_ns)
+            accepted += self._look_up(topic, clock_ns, patience_ns)
             if topic.source.pending or topic.source.undated:
-                found += self._follow(topic, self.time_base.due(topic.source, clock_ns))
-        return found
+                accepted += self._follow(topic, self.time_base.due(topic.source, clock_ns))
+        return accepted
 
     def refuse_waiting(self) -> None:
         """Refuse the messages whose stamps still wait for confirmation, as no more will arrive."""
@@ -421,7 +389,7 @@ class Intake:
 
     def _look_up(self, topic: _Topic, clock_ns: int, patience_ns: int) -> list[Accepted]:
         """Process the messages of a topic in order, up to one whose transform may still arrive."""
-        found: list[Accepted] = []
+        accepted: list[Accepted] = []
         while topic.waiting:
             message, arrival_ns = topic.waiting[0]
             if not message.frame_id and topic.kind in ("wrench", "force"):
@@ -440,16 +408,14 @@ class Intake:
                 topic.record.refuse(refused.reason, refused.detail)
             else:
                 decisions = self.time_base.sort(topic.source, message, arrival_ns)
-                found += self._follow(topic, decisions)
+                accepted += self._follow(topic, decisions)
             topic.waiting.popleft()
-        return found
+        return accepted
 
     def _changes(self, topic: _Topic, message: Stamped, arrival_ns: int) -> Stamped:
-        """What the markers of a message say of obstacles, in the world frame. The bad ones are
-        refused with one line; the others are used.
+        """The changes of obstacles by the markers of a message, in the world frame.
 
-        Raises:
-            Refused: all are bad, or a transform is not available, or not yet.
+        Bad markers are refused with one line; raises Refused if all are, or a transform is missing.
         """
         located = [
             self._in_world(Stamped(message.stamp_ns, one.frame_id, one.pose), arrival_ns, "pose")
@@ -497,10 +463,9 @@ class Intake:
         )
 
     def _in_world(self, message: Stamped, arrival_ns: int, kind: str) -> Stamped:
-        """A message, transformed to the world frame unless the scene names its frame.
+        """A message in the world frame, or as it is if the scene names its frame.
 
-        Raises:
-            Refused: the transform is not available, or not yet.
+        Raises Refused if the transform is not available, or not yet.
         """
         if self._transforms is None or not self._limits.tf or self._content.knows(message.frame_id):
             return message
@@ -510,24 +475,22 @@ class Intake:
 
     def _follow(self, topic: _Topic, decisions: Iterable[Decision]) -> list[Accepted]:
         """Use or refuse messages as the time base decides."""
-        found = []
+        accepted = []
         passed = [queue.passed_ns for queue in topic.queues]
         topic.source.passed_ns = max((ns for ns in passed if ns is not None), default=None)
         for decision in decisions:
             try:
-                found.append(self._use(topic, decision))
+                accepted.append(self._use(topic, decision))
             except Copy:
                 topic.record.copies += 1
             except Refused as refused:
                 topic.record.refuse(refused.reason, refused.detail)
-        return found
+        return accepted
 
     def _use(self, topic: _Topic, decision: Decision) -> Accepted:
         """Convert and count a message that the time base accepts.
 
-        Raises:
-            Copy: it is the same message again.
-            Refused: the time base refuses it, or its pose is too far from those around it.
+        Raises Copy if it is the same message again, Refused if it or its pose cannot be used.
         """
         if decision.refusal is not None:
             raise decision.refusal
@@ -578,8 +541,8 @@ class Intake:
         return max(topic.unit for topic in self._topics.values()) if self._topics else ""
 
     def _check_speed(self, topic: _Topic, last: Pose | None, pose: Pose) -> None:
-        """Refuse |p - p_last| > inputs.max_speed min(dt, 0.1 s) + 1 mm, p_last = the used pose
-        before or after it.
+        """Refuse |p - p_last| > inputs.max_speed min(dt, 0.1 s) + 1 mm, p_last = a used pose beside
+        it.
         """
         stamp_ns = pose.stamp_ns
         if last is None:

@@ -1,18 +1,13 @@
-"""Obstacles from markers on ~/obstacles.
+"""Obstacles from markers on ~/obstacles; config/NODE.md says what a user sees.
 
-A marker is one obstacle, named by its namespace and id: CUBE a box, SPHERE a sphere, CYLINDER a
-cylinder about z, whose size is `scale`; TRIANGLE_LIST a closed mesh, times `scale`. ADD, which is
-MODIFY too, adds it, or moves it if it is there with this shape; DELETE and DELETEALL remove it, and
-so does the end of a `lifetime` that is not renewed. A message takes effect at the stamp of its
-first marker.
+A marker is one obstacle, named by its namespace and id. A message takes effect at the stamp of its
+first marker. The distance field of a new mesh is made beside the ticks; the mesh takes effect at a
+time that depends on the stamps and the sizes of the fields alone (`Surroundings`), so that a replay
+gives the same bits.
 
-The field of a mesh is made beside the ticks. A mesh that no obstacle has yet takes effect at a time
-that follows from the stamps and from the sizes of the fields alone (`Surroundings`), so that a
-replay gives the same bits.
-
-A pose that differs from the one before is reached at a constant velocity, in the time between the
-two messages but at most `LONGEST`: the obstacle is late by as much, and carries along what lies on
-it. What would be faster than inputs.max_speed is a jump and is not followed.
+A new pose is reached at a constant velocity, in the time between the two messages but at most
+`LONGEST`: the obstacle is late by as much, and carries along the cable that lies on it. A motion
+faster than inputs.max_speed is a jump and is not followed.
 """
 
 from __future__ import annotations
@@ -39,7 +34,7 @@ if TYPE_CHECKING:
     from dlo_sim.simulation.simulator import Simulator
 
 LONGEST = 0.2  # [s] for the way to a new pose
-ROUND = 1e-3  # share by which the diameters of a sphere or cylinder may differ
+ROUND = 1e-3  # relative difference of the diameters of a sphere or cylinder that is allowed
 MOST_TRIANGLES = 1000
 _CELLS = 32  # of the field of a mesh, along its longest side
 _SHAPES = {cdr.CUBE: "box", cdr.SPHERE: "sphere", cdr.CYLINDER: "cylinder"}
@@ -49,9 +44,8 @@ _MOST_WAITING = 1000  # messages
 
 
 class Change(NamedTuple):
-    """What a marker says of the obstacle `name`, of all in a namespace if it ends with a slash, or
-    of all if it is empty: it is there until `lifetime_ns` after the message, 0 = until it is
-    removed, or (None) no longer.
+    """The change of the obstacle `name` by a marker (a slash at the end: of a namespace; empty: of
+    all): present until `lifetime_ns` after the message, 0 = until it is removed, None = no longer.
     """
 
     name: str
@@ -67,11 +61,9 @@ class Markers(NamedTuple):
 
 
 def change_of(marker: cdr.Marker, radius: float) -> Change:
-    """What a marker in the world frame says to a cable of this radius [m]; its numbers are finite,
-    its quaternion is a rotation.
+    """The change by a marker in the world frame, for a cable of this radius [m].
 
-    Raises:
-        Refused: `bad_marker`: it is no obstacle.
+    Its numbers are finite and its quaternion a rotation. Raises Refused (`bad_marker`).
     """
     namespace, _, _ = marker.name.rpartition("/")
     if marker.action == cdr.DELETE_ALL:
@@ -129,28 +121,24 @@ def _bad(detail: str) -> Refused:
 
 
 class _Later(NamedTuple):
-    """What will be said of an obstacle when the meshes of a batch are made: as in a message of this
-    stamp [ns], None = no longer there.
-    """
+    """The change of an obstacle when its batch is made, with the stamp of its message."""
 
     obstacle: Obstacle | None
     stamp_ns: int
 
 
 class Surroundings(Waiting[Markers]):
-    """Messages of markers that wait, and what they have said of the obstacles.
+    """Messages of markers that wait, and the obstacles that they describe.
 
-    What a message says of obstacles whose meshes are there, or that have none, takes effect at its
-    stamp. New meshes wait together with the removals of their messages until the batch before them
-    has taken effect, and then for the time that is allowed to make their fields
-    (`meshes.time_to_make`), which begins with their stamp: the simulation, which runs behind by
-    inputs.latency, does not wait for what is made in that time. Of one obstacle only the newest
-    mesh waits. If the fields are not made by then, a live session goes on and takes them later, and
-    says so; a replay waits for them.
+    Changes of obstacles without a new mesh take effect at their stamp. New meshes wait, together
+    with the removals of their messages, until the batch before them has taken effect, and then for
+    the time that is allowed to make their fields (`meshes.time_to_make`), counted from their stamp:
+    if that is shorter than inputs.latency, the simulation does not wait. Of one obstacle only the
+    newest mesh waits. If the fields are not made in that time, a live session takes them later and
+    reports it; a replay waits for them.
 
     Args:
-        scene: gives the limits.
-        journal: counts what is not followed.
+        scene: gives the limits. journal: counts what is not followed.
         live: whether the session must keep up with the clock.
     """
 
@@ -174,15 +162,15 @@ class Surroundings(Waiting[Markers]):
             self._make(one for one, _ in self._batch.values())
 
     def clear(self) -> None:
-        """Discard all messages and what was said of obstacles."""
+        """Discard all messages and obstacles."""
         super().clear()
-        # Obstacle -> as the last message has it, the stamp of that, and the end of its life [ns].
+        # Name -> obstacle of the last message and the stamp of that [ns].
         self._said: dict[str, tuple[Obstacle, int]] = {}
-        # What is to be there after the present step, and where to it moves within a time [ns].
+        # Obstacles after the present step, their targets and the times to them [ns], ends of life.
         self._there: dict[str, Obstacle] = {}
         self._moving: dict[str, tuple[Obstacle, int]] = {}
         self._ends: dict[str, int] = {}
-        # What takes effect with the batch that is being made, when [ns], and what with the next.
+        # Changes with the batch of meshes that is being made, its time [ns]; changes with the next.
         self._batch: dict[str, _Later] = {}
         self._ready_ns: int | None = None
         self._next: dict[str, _Later] = {}
@@ -206,8 +194,8 @@ class Surroundings(Waiting[Markers]):
     def apply(
         self, now_ns: int, step_ns: float, simulator: Simulator, driven: Simulator | ErrorEstimate
     ) -> None:
-        """Let the messages up to a time [ns] take effect on a simulator, and with it on all of
-        `driven`, that is at this time.
+        """Let the messages up to a time [ns] take effect on a simulator that is at this time, and
+        with it on all of `driven`.
         """
         change = self.next_change_ns()
         if change is None or change > now_ns:
@@ -360,9 +348,7 @@ class Surroundings(Waiting[Markers]):
                 known.pop(one, None)
 
     def _say(self, obstacle: Obstacle, stamp_ns: int, new: bool) -> None:
-        """Note that a marker has an obstacle: a new one, which is added where the newest marker of
-        this step has it, or one at another place.
-        """
+        """Note a new pose, or a new obstacle, at the pose of the newest marker of this step."""
         name, present = obstacle.name, self._there.get(obstacle.name)
         if new or present is None or _body(present) != _body(obstacle):
             self._there[name] = obstacle
@@ -379,9 +365,7 @@ class Surroundings(Waiting[Markers]):
         simulator: Simulator,
         driven: Simulator | ErrorEstimate,
     ) -> None:
-        """Replace the obstacles before by those that are said to be there, as far as they can be
-        added.
-        """
+        """Replace the obstacles before by the wanted ones, as far as they can be added."""
         kept = [one for name, one in self._there.items() if before.get(name) == one]
         for name, one in self._there.items():
             if before.get(name) == one:

@@ -1,10 +1,9 @@
 """An observer that corrects the prediction by points measured on the cable.
 
 A measurement is used at the first step not before its stamp. Each point is assigned to the nearest
-point of the predicted centerline; points further away than `measured.gate` are rejected. The gains
-are those of `core.error_filter`. Corrections that have to be repeated are attributed to a force
-that the model lacks, which continues to act. The energy that a correction adds to the cable enters
-the energy balance.
+point of the predicted centerline and rejected beyond `measured.gate`. The gains are those of
+`core.error_filter`. Repeated corrections are attributed to a force missing from the model, which
+continues to act. The energy that a correction adds enters the energy balance.
 """
 
 from __future__ import annotations
@@ -43,14 +42,12 @@ class Observer(Waiting[Points]):
     """Measured points that wait, and the corrections of a simulator by them.
 
     Args:
-        measured: settings of the scene.
-        journal: counts measurements that are lost or late.
+        measured: settings of the scene. journal: counts measurements that are lost or late.
 
     Attributes:
         used, rejected: numbers of points so far.
-        work: energy added by corrections [J]; counted by who applies them.
-        innovation: rms distance of the used points of the last measurement from the prediction
-            before the correction [m].
+        work: energy added by corrections [J]; counted by the caller that applies them.
+        innovation: rms distance of the points of the last measurement from the prediction [m].
     """
 
     def __init__(self, measured: Measured, journal: Journal) -> None:
@@ -75,8 +72,8 @@ class Observer(Waiting[Points]):
         super().add(message)
 
     def in_time(self, now_ns: int, step_ns: float) -> Iterator[Array]:
-        """Remove the measurements up to a time [ns]; yield the points of those that are not more
-        than a step [ns] late, the oldest first.
+        """Remove the measurements up to a time [ns]; yield those at most a step [ns] late, oldest
+        first.
         """
         for stamp_ns, points in self.due(now_ns):
             if now_ns - stamp_ns > step_ns:
@@ -97,8 +94,8 @@ class Observer(Waiting[Points]):
         ]
 
     def correction(self, points: Array, simulator: Simulator) -> tuple[Array, Array] | None:
-        """By how much points measured now shift the control points of a simulator [m], and change
-        their velocities [m/s], shape (n, 3) each; None if no point is near the cable.
+        """Shifts of the control points [m] and changes of their velocities [m/s], shape (n, 3)
+        each, from points measured now; None if no point is near the cable.
         """
         if simulator is not self._simulator:
             self._begin(simulator)
@@ -121,15 +118,15 @@ class Observer(Waiting[Points]):
 
     def _begin(self, simulator: Simulator) -> None:
         """Start with a new filter for this simulator."""
-        knots, given = simulator.model.knots, self.measured
+        knots, measured = simulator.model.knots, self.measured
         length = simulator.scene.cable.length
         n = simulator.model.n
         u = np.linspace(0.0, length, _PLACES)
         self._basis = bspline.evaluate(np.eye(n), knots, u)
         held = [point.values(n) for point in simulator.model.holding.rigid_points]
         self._filter = ErrorFilter(
-            *(simulator.greville, np.reshape(held, (-1, n)), given.error),
-            *(given.alike_along * length, given.alike_for, given.noise),
+            *(simulator.greville, np.reshape(held, (-1, n)), measured.error),
+            *(measured.alike_along * length, measured.alike_for, measured.noise),
         )
         self._simulator, self._time = simulator, simulator.time
         self._lacking = np.zeros((n, 3))

@@ -1,24 +1,17 @@
 """Serialises the simulator's state to output messages.
 
-SIGN AND FRAME OF EVERY OUTPUT (all in the world frame `frame_id`; the stamp is the time of the
-state)
-- `~/start/reaction`, `~/end/reaction`, `~/<grasp>/reaction` (WrenchStamped, not for a free end):
-  force [N] and torque [N m] acting ON THE CABLE BY THE END EFFECTOR, torque about the attachment
-  point, world axes. It includes the inertia and weight of the point mass `<end>.mass`. A
-  force-torque sensor in the wrist, which measures the load of the cable on the robot, reads the
-  NEGATIVE of it.
-- `~/control_points` (PoseArray): control point i, which lies on the cable only at its ends, else
-  near it, with the material frame of the cable at the control point's material coordinate: x axis =
-  tangent from start to end.
-- `~/centerline`, `~/control_polygon` (Marker LINE_STRIP): points on the cable, coloured according
-  to outputs.color_by; the control points.
-- `~/points` (PointCloud2, if enabled): the points of the centerline with u [m] and, where the scene
-  determines it, tension [N]; float64 beyond 1 km from the origin, else float32.
-- `~/capsules` (MarkerArray, if enabled): capsules that enclose the cable.
-- `~/contacts` (MarkerArray, with obstacles or contact.self): the obstacles, and a line along the
-  force on the cable at every sample that touches; where it touches itself, on one of the strands.
-- `/tf` (TFMessage, if enabled): both ends of the cable with the material frame there, x axis =
-  tangent from start to end; the end effector of each grasp, whether it holds the cable or not.
+All are in the world frame `frame_id`; the stamp is the time of the state.
+- `~/start/reaction`, `~/end/reaction`, `~/<grasp>/reaction`: force [N] and torque [N m] ON THE
+  CABLE BY THE END EFFECTOR, with inertia and weight of the point mass `<end>.mass`; torque about
+  the attachment point. A wrist force-torque sensor reads the NEGATIVE.
+- `~/control_points`: they lie on the cable only at its ends, else near it; orientation: material
+  frame at the control point's material coordinate, x axis = tangent from start to end.
+- `~/centerline`, `~/control_polygon`: points on the cable, coloured by outputs.color_by; the
+  control points.
+- `~/points`: the centerline with u [m] and, where known, tension [N]; float64 beyond 1 km.
+- `~/capsules`: capsules that enclose the cable. `~/contacts`: obstacles, and a line along the force
+  at every sample that touches (with itself, on one of the strands).
+- `/tf`: both ends of the cable with the material frame, and the end effector of each grasp.
 """
 
 from __future__ import annotations
@@ -63,9 +56,7 @@ _FINER = 4  # points of the cable per capsule from which its radius is computed
 
 
 class OutgoingMessage(NamedTuple):
-    """A serialised message: topic as in the scene (`~/...`), ROS type, stamp (clock time [ns]), CDR
-    bytes.
-    """
+    """A serialised message: topic as in the scene, ROS type, stamp (clock time [ns]), CDR bytes."""
 
     topic: str
     type: str
@@ -127,13 +118,10 @@ class Outputs:
     def messages(
         self, simulator: Simulator, stamp_ns: int, wanted: Collection[str]
     ) -> list[OutgoingMessage]:
-        """The messages of this state.
-
-        Args:
-            stamp_ns: clock time of the state [ns].
-            wanted: topics; nothing is computed for the others.
+        """The messages of this state with a stamp (clock time [ns]); only the wanted topics are
+        computed.
         """
-        found: list[OutgoingMessage] = []
+        messages: list[OutgoingMessage] = []
         for topic, message_type, encode in self._topics:
             if topic not in wanted:
                 continue
@@ -141,8 +129,8 @@ class Outputs:
             if data is None:
                 self.not_finite += 1
             else:
-                found.append(OutgoingMessage(topic, message_type, stamp_ns, data))
-        return found
+                messages.append(OutgoingMessage(topic, message_type, stamp_ns, data))
+        return messages
 
     # Each encoder returns None if a number is not finite.
 
@@ -247,8 +235,8 @@ def _sag(pieces: Array, joints: Array) -> Array:
     ways = np.diff(joints, axis=0)[:, None]
     from_joint = pieces - joints[:-1, None]
     squares = np.maximum(np.sum(ways * ways, axis=-1), np.finfo(float).tiny)
-    share = np.clip(np.sum(from_joint * ways, axis=-1) / squares, 0.0, 1.0)
-    apart = np.linalg.norm(from_joint - share[..., None] * ways, axis=-1)
+    fraction = np.clip(np.sum(from_joint * ways, axis=-1) / squares, 0.0, 1.0)
+    apart = np.linalg.norm(from_joint - fraction[..., None] * ways, axis=-1)
     return np.asarray(apart.max(axis=1))
 
 

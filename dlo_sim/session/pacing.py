@@ -1,12 +1,10 @@
-"""How far a tick advances: the lag of the prediction behind the clock, the grid of published
-states, and what is given up where the simulation is too slow.
+"""How far a tick advances: the lag behind the clock, the published times, and what overload drops.
 
-LATENCY. The path of an end effector turns half-way between two poses towards the one that follows
-them, so with intervals dt and a delay D of the messages the simulation needs to run 1.5 dt + D
-behind (`gripper_path.PoseTiming` measures both). With inputs.latency `auto` the lag follows this
-need; a given lag that is shorter is reported at once, with the lag that would do. The lag decides
-which states are published and when, and how late a message may be. It does not change the states
-otherwise: steps, paths and stamps do not depend on it.
+The path of an end effector turns half-way between two poses towards the next one. With intervals dt
+and a delay D of the messages, the simulation therefore has to run 1.5 dt + D behind the clock
+(measured by `gripper_path.PoseTiming`). With inputs.latency `auto` the lag follows this need; a
+shorter fixed lag is reported with the one that would do. The lag decides which states are published
+and when, and how late a message may be; steps, paths and stamps do not depend on it.
 """
 
 from __future__ import annotations
@@ -21,37 +19,27 @@ from dlo_sim.session.diagnostics import Journal
 from dlo_sim.session.gripper_path import PoseTiming
 from dlo_sim.session.time_base import SECOND
 
-# A need is reported again when it has grown by this factor.
-_GROWN = 1.2
+_GROWN = 1.2  # factor by which a need has grown when it is reported again
 _QUANTUM = 10_000_000  # steps of the lag [ns], at least
 _JITTER = 500_000  # [ns]: usual jitter of ticks; at most a quarter of the period is used
 
-# A simulation that does not catch up skips time once its lag exceeds this [s], or the longest
-# pose_timeout if that is longer, plus inputs.catch_up.
+# Time is skipped once the lag exceeds this [s], or the longest pose_timeout, plus inputs.catch_up.
 MOST_LAG = 1.0
-# A lag that exceeds that limit by more than this [s] is skipped at once (a stopped process).
-MOST_CATCH_UP = 3.0
+MOST_CATCH_UP = 3.0  # [s] beyond that limit from which a lag is skipped at once (a stopped process)
 # Before a late tick no messages were received. At most this much of that time [s], or two timer
 # periods, counts as silence: the messages that waited are delivered between the next ticks.
 _MOST_LISTENED = 0.1
-# Most steps of a live tick, since callbacks, services and diagnostics wait for it. If the step is
-# too short for that, the simulation falls behind, which is reported as lag and skipped time.
-_MOST_LIVE_STEPS = 20_000
-# A simulation that falls behind drops its markers and then its error estimate, at these shares of
-# the largest lag, before it skips time.
-_SHED = (0.25, 0.5)
-# What was dropped last is resumed after the simulation has kept up for this long [s], the next
-# after twice as long, up to a limit: it may be what makes the simulation too slow.
+_MOST_LIVE_STEPS = 20_000  # of one tick, for which callbacks, services and diagnostics wait
+_SHED = (0.25, 0.5)  # fractions of the largest lag at which markers, then the estimate, are dropped
+# [s] of keeping up after which the output dropped last is resumed, and the limit to which this
+# doubles with each further one: the resumed output may be what makes the simulation too slow.
 _CALM, _MOST_CALM = 10.0, 600.0
 
 
 class OutputGrid:
-    """Times of the published states: integer multiples of the timer period.
+    """Times of the published states: integer multiples of the timer period at a rate [Hz].
 
-    Their stamps therefore do not depend on when the timer was started.
-
-    Args:
-        rate: of the timer [Hz].
+    They do not depend on when the timer was started.
     """
 
     def __init__(self, rate: float) -> None:
@@ -60,16 +48,19 @@ class OutputGrid:
         self._last: int | None = None
 
     def until_tick(self, base_ns: int) -> int:
-        """Time [ns] from when a state of `base_ns` would be due to when a regular tick should come,
-        less than a period: after a state has become due, by slightly more than the jitter of ticks.
+        """Time [ns] from when a state of `base_ns` is due to the next regular tick, less than a
+        period.
+
+        Ticks come after a state has become due, by slightly more than their jitter.
         """
         return (5 * self._jitter_ns // 4 - base_ns) % self._period_ns
 
     def aim(self, base_ns: int) -> int:
-        """The time [ns] to which a tick should advance at which states up to `base_ns` are due.
+        """The time [ns] to which a tick advances when states up to `base_ns` are due: the newest
+        multiple.
 
-        It is the newest multiple; but the successor of the last tick's multiple is used until the
-        next one is older than the jitter, so that ticks which jitter about a multiple skip none.
+        The successor of the last tick's multiple is kept until the next one is older than the
+        jitter, so that ticks which jitter about a multiple skip none.
         """
         period = self._period_ns
         index = base_ns // period
@@ -82,13 +73,10 @@ class OutputGrid:
 
 
 class Latency:
-    """The lag of the prediction.
+    """The lag `ns` [ns] of the prediction.
 
     Args:
-        timings: end or grasp -> what is known of its poses.
-
-    Attributes:
-        ns: the lag now [ns].
+        timings: end or grasp -> the rate and delay of its poses.
     """
 
     def __init__(self, scene: Scene, timings: Mapping[str, PoseTiming], journal: Journal) -> None:
@@ -131,7 +119,7 @@ class Latency:
             return
         least = round(LEAST_LATENCY * SECOND)
         need = max((timing.need_ns for timing in self._timings.values()), default=0)
-        # Whole timer periods more than the least, so that the phase of the ticks stays right.
+        # The excess over the least lag is whole timer periods, which keeps the phase of the ticks.
         quantum = self._period_ns * math.ceil(_QUANTUM / self._period_ns)
         more = max(0, -(-(need - least) // quantum)) * quantum
         self.ns = min(least + more, round(MOST_LATENCY * SECOND))
@@ -165,14 +153,13 @@ class Shed(Enum):
 
 
 class Pacing:
-    """The limits of a tick, the lag, and what is given up for it.
+    """The limits of a tick, the lag, and the outputs that are dropped because of it.
 
     Attributes:
-        grid: times of the states to publish.
-        most_steps: most steps of one tick.
-        lag_ns: time by which the state is behind the wanted one [ns].
-        longest_lag_ns: the longest since this was last set to 0 [ns].
-        shed: what is dropped, to which the caller has to keep.
+        grid: times of the states to publish. most_steps: largest number of steps of one tick.
+        lag_ns, longest_lag_ns: how far the state is behind the wanted one [ns], and the longest
+            such lag since this was set to 0.
+        shed: which outputs the caller must leave out.
     """
 
     def __init__(self, scene: Scene, step: float, live: bool) -> None:
@@ -211,14 +198,12 @@ class Pacing:
         return self._listened_ns
 
     def reached(self, wanted_ns: int, now_ns: int, held_up: bool) -> bool:
-        """Update the lag and what is dropped because of it.
+        """Update the lag and what is dropped because of it; return whether the lag is to be
+        skipped.
 
         Args:
             wanted_ns, now_ns: time base [ns] to which a tick should have advanced, and has.
             held_up: it waits for a pose or has failed, so it is not too slow.
-
-        Returns:
-            Whether the time up to the wanted one has to be skipped.
         """
         before, self.lag_ns = self.lag_ns, max(0, wanted_ns - now_ns)
         self.longest_lag_ns = max(self.longest_lag_ns, self.lag_ns)

@@ -1,11 +1,9 @@
-"""Planned motions of end effectors as messages, and what is predicted along them: `~/plan` in,
-`~/forecast` and `~/forecast/ghosts` out.
+"""Planned motions as messages: `~/plan` in, `~/forecast` and `~/forecast/ghosts` out.
 
 A plan has to begin near the newest pose of its end effector. The forecast begins at the present
-state, which is older by the latency, and moves from there to the plan.
-
-A plan of 20,000 points takes 0.3 s to read. So a session only makes a `Request` of the message and
-of its state; `answer`, which does everything else, runs in a process of its own.
+state, which is older by the latency, and moves from there to the plan. A plan of 20,000 points
+takes 0.3 s to read, so a session only makes a `Request` of the message and of its state; `answer`,
+which does everything else, runs in a process of its own.
 """
 
 from __future__ import annotations
@@ -54,8 +52,7 @@ class Trajectory(NamedTuple):
     """A decoded trajectory.
 
     Attributes:
-        joints: names of the J joints.
-        times: of the points, counted from the stamp [s], shape (T,).
+        joints: names of the J joints. times: of the points, counted from the stamp [s], shape (T,).
         poses: position [m] and quaternion x, y, z, w, shape (T, J, 7).
     """
 
@@ -67,7 +64,7 @@ class Trajectory(NamedTuple):
 
 
 class Request(NamedTuple):
-    """A serialised plan, and the state of a session by which it is judged and predicted.
+    """A serialised plan, and the state of a session from which it is checked and predicted.
 
     Attributes:
         arrival_ns: clock time at which the plan came [ns].
@@ -83,12 +80,12 @@ class Request(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """What becomes of one plan.
+    """The result of one plan.
 
     Attributes:
-        messages: to be published. values: for the diagnostics.
+        messages: to be published. values: for the diagnostics. refused: reason and detail, if it
+            was.
         problem: why the cable could not be predicted to the end of the plan, one line; or empty.
-        refused: reason and detail if the plan was refused.
     """
 
     messages: tuple[OutgoingMessage, ...] = ()
@@ -98,11 +95,7 @@ class Answer(NamedTuple):
 
 
 def check_method(scene: Scene, method: str) -> None:
-    """Refuse a method that cannot follow plans because it is explicit.
-
-    Raises:
-        SceneError: with the cure.
-    """
+    """Raise SceneError for an explicit method, which cannot follow plans."""
     if scene.forecast.processes and METHODS[method].family != IMPLICIT:
         raise SceneError(
             f"forecast.processes: {method} follows no plans; set it to 0, or give "
@@ -111,11 +104,7 @@ def check_method(scene: Scene, method: str) -> None:
 
 
 def request(session: Session, raw: bytes, arrival_ns: int) -> Request:
-    """A plan that has come, with the present state of the session.
-
-    Raises:
-        Refused: it is too long to be handed on.
-    """
+    """A received plan with the present state of the session; raises Refused if it is too long."""
     if len(raw) > _MOST_BYTES:
         raise Refused("too_many", f"{len(raw)} bytes; plan at most {MOST_POINTS} points")
     now_ns = session.stamp_ns if session.started else None
@@ -134,26 +123,26 @@ def answer(asked: Request) -> Answer:
         return Answer(refused=(refused.reason, refused.detail))
     end = float(np.max(plan.times))
     try:
-        found = asked.simulator.forecast(plan, min(scene.forecast.every, end))
+        forecast = asked.simulator.forecast(plan, min(scene.forecast.every, end))
     except (TypeError, ValueError) as refusal:
         return Answer(problem=str(refusal))
-    if not len(found.times):
-        return Answer(problem=found.report.message)
-    cloud = _cloud(scene, found, stamp_ns, ahead)
-    ghosts = _ghosts(scene, found, stamp_ns, end - ahead)
+    if not len(forecast.times):
+        return Answer(problem=forecast.report.message)
+    cloud = _cloud(scene, forecast, stamp_ns, ahead)
+    ghosts = _ghosts(scene, forecast, stamp_ns, end - ahead)
     messages = (
         OutgoingMessage(FORECAST, cdr.POINT_CLOUD, stamp_ns, cloud),
         OutgoingMessage(GHOSTS, cdr.MARKER, stamp_ns, ghosts),
     )
-    peak = found.peak_tension
+    peak = forecast.peak_tension
     values = (
         ("peak tension [N]", "unknown" if peak is None else f"{peak:.4g}"),
-        ("largest curvature [1/m]", f"{found.largest_curvature:.4g}"),
-        *contact_values(found.contact),
-        ("warnings", "; ".join(found.warnings)),
+        ("largest curvature [1/m]", f"{forecast.largest_curvature:.4g}"),
+        *contact_values(forecast.contact),
+        ("warnings", "; ".join(forecast.warnings)),
         ("forecast time [ms]", f"{1e3 * (time.perf_counter() - began):.1f}"),
     )
-    return Answer(messages, values, found.report.message)
+    return Answer(messages, values, forecast.report.message)
 
 
 def contact_values(contact: Mapping[str, float]) -> Iterator[tuple[str, str]]:
@@ -170,9 +159,8 @@ def decode_trajectory(raw: cdr.Bytes, known: Collection[str] | None = None) -> T
         known: names that the joints can have; None: any.
 
     Raises:
-        DecodeError: not such a message, or a point whose number of transforms is not that of the
-            joints, or more than `MOST_POINTS`.
-        Refused: unknown joints.
+        DecodeError: not such a message, a point without one transform per joint, or more than
+            `MOST_POINTS`. Refused: unknown joints.
     """
     message = cdr.read(cdr.TRAJECTORY, raw)
     joints, points = tuple(message.joint_names), message.points
@@ -198,11 +186,7 @@ def decode_trajectory(raw: cdr.Bytes, known: Collection[str] | None = None) -> T
 
 
 def check_plan(scene: Scene, trajectory: Trajectory) -> None:
-    """Refuse a plan that is invalid for a scene in every state of its cable.
-
-    Raises:
-        Refused: with the reason.
-    """
+    """Raise Refused for a plan that is invalid for a scene in every state of its cable."""
     joints, times = trajectory.joints, trajectory.times
     if trajectory.frame_id not in ("", scene.frame_id):
         raise _bad_plan(f"is in frame '{trajectory.frame_id}'; transform it to '{scene.frame_id}'")
@@ -219,11 +203,7 @@ def check_plan(scene: Scene, trajectory: Trajectory) -> None:
 
 
 def check_joints(known: Collection[str], joints: Collection[str]) -> None:
-    """Refuse joints that are unknown, named twice or none.
-
-    Raises:
-        Refused: naming them.
-    """
+    """Raise Refused for joints that are unknown, named twice or none."""
     if not joints or not set(joints) <= set(known) or len(set(joints)) < len(joints):
         raise _bad_plan(
             f"has the joints {', '.join(joints) or 'none'}; name what holds the cable, each once: "
@@ -232,13 +212,10 @@ def check_joints(known: Collection[str], joints: Collection[str]) -> None:
 
 
 def check_speed(scene: Scene, name: str, times: Array, poses: Array, jump: float = 0.0) -> None:
-    """Refuse poses (T, 7) of an end effector that are further apart than inputs.max_speed allows.
+    """Raise Refused for poses (T, 7) further apart than inputs.max_speed allows.
 
     Args:
         jump: additional distance allowed between the first two [m].
-
-    Raises:
-        Refused: with the speed.
     """
     ways = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
     ways[0] = max(ways[0] - jump, 0.0)
@@ -251,10 +228,9 @@ def check_speed(scene: Scene, name: str, times: Array, poses: Array, jump: float
 
 def _planned(asked: Request) -> tuple[Plan, int, float]:
     """The plan from the present state on, the stamp of the answer [ns] (that of the plan, or its
-    arrival if the plan has none), and the time from the present state to that stamp [s].
+    arrival), and the time from the present state to that stamp [s].
 
-    Raises:
-        DecodeError, Refused: it cannot be used.
+    Raises DecodeError or Refused if it cannot be used.
     """
     from dlo_sim.simulation.forecast import Plan  # imports the compiler
 
@@ -285,8 +261,8 @@ def _planned(asked: Request) -> tuple[Plan, int, float]:
 def _check_begin(
     name: str, pose: Array, newest: Pose | None, position: Array, orientation: Array
 ) -> None:
-    """Refuse a plan that does not begin near the newest pose of the end effector, or near its
-    present one if it has received none.
+    """Refuse a plan that does not begin near the newest (else the present) pose of the end
+    effector.
     """
     if newest is not None:
         position, orientation = np.array(newest.position), np.array(newest.orientation)
@@ -310,24 +286,24 @@ def _bad_plan(detail: str) -> Refused:
     return Refused("bad_plan", f"the plan {detail}")
 
 
-def _cloud(scene: Scene, found: Forecast, stamp_ns: int, ahead: float) -> bytes:
+def _cloud(scene: Scene, forecast: Forecast, stamp_ns: int, ahead: float) -> bytes:
     """A cloud of the points of all shapes; its field t counts from the plan's stamp [s]."""
-    fields = ["x", "y", "z", "u", "t"] + ["tension"] * (found.tension is not None)
-    shapes, points, _ = found.centerline.shape
+    fields = ["x", "y", "z", "u", "t"] + ["tension"] * (forecast.tension is not None)
+    shapes, points, _ = forecast.centerline.shape
     rows = np.empty((shapes, points, len(fields)))
-    rows[..., :3], rows[..., 3] = found.centerline, found.u
-    rows[..., 4] = (found.times - ahead)[:, None]
-    if found.tension is not None:
-        rows[..., 5] = found.tension
+    rows[..., :3], rows[..., 3] = forecast.centerline, forecast.u
+    rows[..., 4] = (forecast.times - ahead)[:, None]
+    if forecast.tension is not None:
+        rows[..., 5] = forecast.tension
     return cdr.encode_point_cloud(stamp_ns, scene.frame_id, fields, rows.reshape(-1, len(fields)))
 
 
-def _ghosts(scene: Scene, found: Forecast, stamp_ns: int, lifetime: float) -> bytes:
+def _ghosts(scene: Scene, forecast: Forecast, stamp_ns: int, lifetime: float) -> bytes:
     """Lines of a few shapes including the last one, displayed for `lifetime` [s]."""
-    count = len(found.times)
+    count = len(forecast.times)
     chosen = np.unique(np.linspace(count - 1, -1, scene.forecast.ghosts, endpoint=False).round())
     # A list of lines: each point inside a shape ends one and begins the next.
-    lines = np.repeat(found.centerline[chosen.astype(int)], 2, axis=1)[:, 1:-1].reshape(-1, 3)
+    lines = np.repeat(forecast.centerline[chosen.astype(int)], 2, axis=1)[:, 1:-1].reshape(-1, 3)
     ghosts = cdr.LineEncoder(
         *(scene.frame_id, "forecast", len(lines), scene.cable.diameter, _GHOST_COLOR),
         round(max(lifetime, 0.1) * SECOND),

@@ -1,8 +1,7 @@
 """Saves the state of a session to a file, to resume from after the process has ended in any way.
 
 The file is written elsewhere and then moved into place, so that it is never incomplete; checksums
-within it tell when it was damaged. It is of this version and scene, or refused: what it says is not
-checked number by number.
+detect damage. It is refused unless it is of this version and scene; its numbers are not checked.
 """
 
 from __future__ import annotations
@@ -43,14 +42,11 @@ _in_use: set[Path] = set()  # files of the cables of this process
 
 
 def save_state(path: Path, state: Snapshot) -> None:
-    """Write the state, replacing an existing file.
-
-    Motions that wait for their start (`Snapshot.waiting`) are not among what is written: a session
-    gives each motion when it begins.
+    """Write the state, replacing an existing file, which is kept if the new one cannot be written.
 
     Raises:
-        ValueError: a motion waits.
-        OSError: the file cannot be written; an existing one is kept.
+        ValueError: a motion waits (`Snapshot.waiting`), which the file cannot hold. OSError: the
+            file cannot be written.
     """
     if state.waiting:
         waiting = ", ".join(state.waiting)
@@ -87,12 +83,8 @@ def save_state(path: Path, state: Snapshot) -> None:
 def load_state(path: Path, scene: Scene) -> tuple[Snapshot, float] | None:
     """The saved state of this scene and its age [s]; None if there is no file.
 
-    In its scene, each grasp is taken or not as in the state; control points and knots that the
-    scene leaves open are those of the state.
-
-    Raises:
-        SceneError: the file cannot be read, is not a state, or is one of another scene or version;
-            with the cure.
+    In its scene, grasps hold the cable as in the state; control points and knots that the scene
+    leaves open are those of the state. Raises SceneError if the file is unusable, with the cure.
     """
     cure = "remove the file, or give state.save_to another name"
     try:
@@ -126,11 +118,7 @@ def _of_another(head: dict[str, Any], scene: Scene) -> str:
 
 
 def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -> Snapshot:
-    """The state in the contents of a file.
-
-    Raises:
-        ValueError, TypeError, KeyError: the contents are not consistent.
-    """
+    """The state in the contents of a file; ValueError, TypeError, KeyError if inconsistent."""
     from dlo_sim.simulation.build_model import build_model
     from dlo_sim.simulation.geometry import Geometry  # these import the compiler
     from dlo_sim.simulation.simulator import Snapshot
@@ -175,12 +163,10 @@ class StateKeeper:
         self._writing: Future[None] | None = None
 
     def found(self, scene: Scene) -> Snapshot | None:
-        """The saved state from which to continue; None if there is none. No other cable
-        of this process can use the file until `release`.
+        """The saved state from which to continue, or None. Until `release`, no other cable of this
+        process can use the file.
 
-        Raises:
-            SceneError: nothing can be written there, another cable of this process writes there, or
-                the file is not of this scene.
+        Raises SceneError if the file cannot be written, is in use here, or is not of this scene.
         """
         if self._path is None:
             return None
@@ -202,11 +188,11 @@ class StateKeeper:
             raise SceneError(
                 f"state.save_to: {self._path} is the file of another cable; give each its own"
             )
-        found = load_state(self._path, scene)
+        loaded = load_state(self._path, scene)
         _in_use.add(self._path)
-        if found is None:
+        if loaded is None:
             return None
-        saved, age = found
+        saved, age = loaded
         self._log.info(f"goes on from the state saved {age:.1f} s ago in {self._path}")
         return saved
 

@@ -1,12 +1,12 @@
-"""A session takes input messages, steps the simulator up to a time and gives output messages. The
-live node and the bag replay are shells around it.
+"""A session takes input messages, steps the simulator up to a time and gives output messages.
 
-TIME. Inputs take effect at their header stamps (`inputs.time`). The prediction runs
-`inputs.latency` behind the clock, so that poses can be interpolated and loads sorted; an arrival
-jitter below that does not change the result by a single bit. The simulation never runs ahead of its
-inputs: if the next pose is missing it waits, up to `pose_timeout`, and then catches up by at most
-`inputs.catch_up` per tick. Time that cannot be caught up is skipped, counted and reported.
-Published states are stamped with their time, converted to the clock.
+The live node and the bag replay are shells around it. Inputs take effect at their header stamps
+(`inputs.time`). The prediction runs `inputs.latency` behind the clock, so that poses can be
+interpolated and loads sorted; an arrival jitter below that does not change the result by a single
+bit. The simulation never runs ahead of its inputs: if the next pose is missing it waits, up to
+`pose_timeout`, and then catches up by at most `inputs.catch_up` per tick. Time that cannot be
+caught up is skipped, counted and reported. Published states are stamped with their time, converted
+to the clock.
 
 The session never raises on a message or a tick, and never outputs a number that is not finite.
 """
@@ -47,13 +47,12 @@ class Session:
     """Simulates one scene from messages.
 
     Args:
-        scene: what to simulate.
-        simulator_factory: builds the simulator, `Simulator` by default: factory(scene,
+        simulator_factory: builds the simulator, default `Simulator`: factory(scene,
             end_poses=None).
         transforms: looks up frames of tf2; needed if the scene uses them.
         naming: names of the node and its topics; default: not remapped.
-        live: whether the prediction is live, so that it must keep up with the clock.
-        resume: a saved state to begin with.
+        live: whether the prediction must keep up with the clock. resume: a saved state to begin
+            with.
 
     Attributes:
         inputs: the input topics, by their resolved names.
@@ -128,8 +127,8 @@ class Session:
 
     @property
     def saved(self) -> Snapshot | None:
-        """A state from which another session of this scene can continue; None before the cable is
-        placed and after a failure.
+        """A state from which another session of this scene can continue, or None (not placed,
+        failed).
         """
         return self._drive.simulator.snapshot() if self.started and not self._failure else None
 
@@ -164,33 +163,31 @@ class Session:
         return self._time.to_clock(self._drive.now_ns)
 
     def receive(self, topic: str, raw: cdr.Bytes, arrival_ns: int) -> None:
-        """Take one serialised message; a bad one is refused and counted.
+        """Take one serialised message on a topic of `inputs`; a bad one is refused and counted.
 
         Args:
-            topic: its name as in `inputs`.
-            raw: CDR bytes.
-            arrival_ns: clock time of its arrival [ns].
+            raw: CDR bytes. arrival_ns: clock time of its arrival [ns].
         """
         self._watch_clock(arrival_ns, tick=False)
         before = self._time.offset_ns
-        found = self._intake.accept(topic, raw, arrival_ns, self._latency.ns)
-        self._use(found, before, arrival_ns)
+        accepted = self._intake.accept(topic, raw, arrival_ns, self._latency.ns)
+        self._use(accepted, before, arrival_ns)
 
     def until_tick(self, now_ns: int) -> int:
-        """Time [ns] from this clock time to when a regular tick should come, just after a state has
-        become due; less than a timer period.
+        """Time [ns] from this clock time to the next regular tick, just after a state has become
+        due.
         """
         return self._pacing.grid.until_tick(self._due_ns(now_ns))
 
     def tick(self, now_ns: int) -> TickReport:
-        """Advance the simulation to `now_ns` (clock) minus the latency, down to a multiple of the
-        timer period, as far as inputs and limits allow.
+        """Advance to `now_ns` (clock) minus the latency, down to a multiple of the timer period, as
+        far as inputs and limits allow.
         """
         self._watch_clock(now_ns, tick=True)
         before = self._time.offset_ns
         lag_ns = self._latency.ns
-        found = self._intake.sample(now_ns, lag_ns) + self._intake.due(now_ns, lag_ns)
-        self._use(found, before, now_ns)
+        accepted = self._intake.sample(now_ns, lag_ns) + self._intake.due(now_ns, lag_ns)
+        self._use(accepted, before, now_ns)
         self._latency.update()
         count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
         due = count != self._marker_count and Shed.MARKERS not in self._pacing.shed
@@ -224,12 +221,11 @@ class Session:
     ) -> list[OutgoingMessage]:
         """Serialised messages that are due for the present state; empty until the cable is placed.
 
-        A state is published once. Markers, which expire, are published at outputs.marker_rate, even
-        for the same state. Diagnostics are made by `diagnostics`.
+        A state is published once, but markers, which expire, at outputs.marker_rate.
 
         Args:
-            wanted: topics to build, None = all.
-            again: topics to build in any case, for new subscribers.
+            wanted: topics to build, None = all. again: topics to build in any case, for new
+                subscribers.
         """
         if not self.started:
             return []
@@ -240,29 +236,26 @@ class Session:
         for topic in self._outputs.topics if wanted is None else wanted:
             if markers if topic in MARKERS else fresh:
                 due.add(topic)
-        found = self._outputs.messages(self._drive.simulator, self.stamp_ns, due)
+        messages = self._outputs.messages(self._drive.simulator, self.stamp_ns, due)
         if self._outputs.not_finite:
             self._outputs.not_finite = 0
             self.journal.event("not_published", "an output was not finite and was not published")
-        return found
+        return messages
 
     def diagnostics(self, now_ns: int) -> bytes:
-        """A serialised DiagnosticArray at this clock time [ns]: the session, and each input with
-        its refusals by reason.
-        """
+        """A serialised DiagnosticArray at this clock time [ns]: the session, and each input."""
         topics = [topic_status(record, now_ns) for record in self.journal.topics.values()]
-        found = cdr.encode_diagnostic_array(
+        message = cdr.encode_diagnostic_array(
             now_ns, self._naming.node, [self._state(now_ns), *topics]
         )
         self._pacing.longest_lag_ns = self._pacing.lag_ns
-        return found
+        return message
 
     def reset(self, jump: str = "") -> None:
-        """Start over: place the cable at the next poses (at once if no end is driven), without the
-        loads received so far.
+        """Start over: place the cable at the next poses, without the loads received so far.
 
         Args:
-            jump: what has happened to the clock, if that is why.
+            jump: what has happened to the clock, if that is the reason.
         """
         self._time.start_over()
         self._intake.clear()
@@ -273,17 +266,15 @@ class Session:
         self._intake.refuse_waiting()
 
     def pause(self, flag: bool) -> None:
-        """Pause or resume. The time of a pause is not simulated; driven ends rejoin their poses
-        smoothly afterwards.
+        """Pause or resume. A pause is not simulated; driven ends rejoin their poses smoothly after
+        it.
         """
         if self._paused and not flag and self.started:
             self._resuming = True
         self._paused = flag
 
     def step_once(self) -> TickReport:
-        """Advance a paused session by one timer period (at least one step). Does nothing unless it
-        is paused and placed, or after a failure.
-        """
+        """Advance a paused session by one timer period (at least one step); else do nothing."""
         if not self._paused or not self.started or self._failure:
             return self._report(0)
         step = self._drive.simulator.step
@@ -296,8 +287,7 @@ class Session:
     def prepare(self, scene: Scene) -> Prepared:
         """Prepare `reconfigure` for other parameters; ticks may continue in another thread.
 
-        Raises:
-            ValueError: a read-only parameter differs, or the simulator refuses the scene.
+        Raises ValueError if a read-only parameter differs, or the simulator refuses the scene.
         """
         now, then = _fixed(self.scene), _fixed(scene)
         if now != then:
@@ -344,8 +334,8 @@ class Session:
             self._restart("time_jump", f"the clock went back by {back:.3f} s; simulation reset")
 
     def _use(self, found: list[Accepted], offset_before: int, clock_ns: int) -> None:
-        """Pass messages that can be used at this clock time [ns] to the drive; they may have
-        changed the offset.
+        """Pass usable messages of this clock time [ns] to the drive; they may have changed the
+        offset.
         """
         offset = self._time.offset_ns
         if not found and offset == offset_before:
@@ -456,8 +446,8 @@ class Session:
         return TickReport(steps, self._pacing.lag_ns, self.status, self._message(), stop)
 
     def _state(self, now_ns: int) -> cdr.DiagnosticStatus:
-        """State, time, energy, lag and events. The first of what is wrong is the message; permanent
-        warnings come last, as they would hide what is new.
+        """State, time, energy, lag and events; the message is the first problem, permanent ones
+        last.
         """
         drive, journal, simulator = self._drive, self.journal, self._drive.simulator
         self._accuracy.look(drive.estimate)
@@ -516,9 +506,7 @@ class Session:
 
 
 def _tension_values(simulator: Simulator) -> Iterator[tuple[str, str]]:
-    """The peak tension; what is held by grasps through which the cable slides, and the tension
-    before and after them.
-    """
+    """The peak tension, and of sliding grasps their place and the tension before and after them."""
     if not simulator.scene.without_tension:
         yield "peak tension [N]", f"{simulator.tension(simulator.greville).max():.6g}"
     for name, one in simulator.slides.items():
@@ -526,19 +514,19 @@ def _tension_values(simulator: Simulator) -> Iterator[tuple[str, str]]:
         yield f"{name} tensions [N]", f"{one.before:.6g}, {one.after:.6g}"
 
 
-def _contact_values(simulator: Simulator, found: Collection[Contact]) -> list[tuple[str, str]]:
-    """Forces and clearance of obstacles and of the cable with itself, where there are some; else
-    only the latter's clearance.
+def _contact_values(simulator: Simulator, contacts: Collection[Contact]) -> list[tuple[str, str]]:
+    """Forces and clearances of obstacles and of the cable with itself, or only the latter's
+    clearance.
     """
     to_itself = [("clearance to itself [m]", f"{simulator.clearance_to_itself:.6g}")]
-    if not found:
+    if not contacts:
         return to_itself
-    forces = [one.exerted for one in found]
+    forces = [one.exerted for one in contacts]
     return to_itself + [
         ("contact force [N]", f"{sum(forces):.6g}"),
         ("largest contact force [N]", f"{max(forces):.6g}"),
-        ("largest contact pressure [N/m]", f"{max(one.pressure for one in found):.6g}"),
-        ("clearance [m]", f"{min(one.clearance for one in found):.6g}"),
+        ("largest contact pressure [N/m]", f"{max(one.pressure for one in contacts):.6g}"),
+        ("clearance [m]", f"{min(one.clearance for one in contacts):.6g}"),
     ]
 
 
@@ -555,8 +543,8 @@ def _fixed(scene: Scene) -> dict[str, object]:
 
 
 def _density(scene: Scene) -> str:
-    """Density of the knots at the start and the end in excess of 1, and the length over which it
-    decays as a share of the cable's, by which a reader of control points finds the curve.
+    """Excess of the knot density at start and end, and the length over which it decays as a
+    fraction of the cable's; with it a reader of control points can evaluate the curve.
     """
     start, end, reach = knot_grading(scene)
     return f"{start:.17g} {end:.17g} {reach / scene.cable.length:.17g}"

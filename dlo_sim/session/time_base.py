@@ -18,21 +18,18 @@ from dlo_sim.session.diagnostics import Refused
 SECOND = 1_000_000_000
 
 # A stamp fits the offset if it is at most this far ahead of the clock (clocks that are not quite
-# synchronised) and at most this far behind it (usual delays). A clock set back by more than the
-# latter has jumped.
+# synchronised) or behind it (usual delays); a clock set back by more than the latter has jumped.
 MOST_AHEAD = SECOND // 2
 MOST_BEHIND = 1 * SECOND
 
-# Stamps that do not fit are believed after this time, from this many messages in a row that keep
-# their distance from the clock within _STEADY: a queue that empties changes it. It cannot be taken
-# for a jump, and _SOON is enough, if they fit the clock itself or none of their topic is used; at
-# once if they go back by more than a second.
+# Stamps that do not fit are believed after PATIENCE, from AGREEMENT messages in a row that keep
+# their distance from the clock within _STEADY (it changes while a queue empties). _SOON is enough
+# if they fit the clock itself or none of their topic is used; no wait if they go back by over 1 s.
 PATIENCE, _SOON = 2 * SECOND // 5, SECOND // 10
 AGREEMENT = 3
 _STEADY = SECOND // 20
 
-# The clock may advance by seconds at once (a stopped process, /clock); time in which no messages
-# were handled does not count as patience, so each advance counts at most this much.
+# Part of an advance of the clock (by seconds, after a stop) that counts as patience.
 _LONGEST_WAIT = SECOND // 10
 
 # While the clock stands still no patience is spent; at most this many messages of a topic wait.
@@ -51,8 +48,8 @@ class Decision(NamedTuple):
 
     Attributes:
         message: the message, with its stamp in the time base.
-        restart: whether everything before it is forgotten, as the stamps or clocks have jumped, or
-            are of another epoch.
+        restart: whether all earlier messages are forgotten, as stamps or clocks have jumped or are
+            of another epoch.
         refusal: why it is not used; None if it is.
     """
 
@@ -71,7 +68,7 @@ class _Pending(NamedTuple):
 
 class _Run(NamedTuple):
     """Consecutive messages of a topic at one distance from the clock: clock minus stamp [ns] of the
-    first, watched time [ns] of the first and of the last, and how many they are.
+    first, watched time [ns] of the first and of the last, and their number.
     """
 
     difference_ns: int
@@ -88,13 +85,11 @@ class Source:
         is_pose: whether it drives an end effector.
         last_ns: newest stamp used in the time base [ns], None = none.
         seen: stamp -> message, of those used in the second before `last_ns`.
-        passed_ns: time base [ns] up to which the simulation has used the topic; set by the user of
-            the messages, None = nothing used. What comes late but after that can be put in order.
-        run: the latest messages.
-        pending: waiting messages, in the order of their stamps.
-        undated: the newest messages without a stamp, and their arrivals [ns], before any topic has
-            a stamp: they come again if that is of another epoch than the clock, by which they were
-            dated.
+        passed_ns: time base [ns] up to which the simulation has used the topic, None = nothing
+            used; set by the user of the messages. A later message can still be put in order.
+        run: the latest messages. pending: waiting messages, in the order of their stamps.
+        undated: the newest messages without a stamp, with their arrivals [ns], until a topic has a
+            stamp. If that is of another epoch than the clock, they are dated again.
     """
 
     is_pose: bool = False
@@ -122,8 +117,7 @@ class Source:
         """Check that a message that is not the newest can still be put in its place.
 
         Raises:
-            Copy: it is the same message again.
-            Refused: another one has its stamp, or it comes too late.
+            Copy: it is the same message again. Refused: its stamp is taken, or it comes too late.
         """
         stamp_ns = message.stamp_ns
         if stamp_ns in self.seen:
@@ -144,23 +138,23 @@ class TimeBase:
     """Decides for every message whether its stamp can be used, and determines the offset.
 
     Queues can only add delay: the smallest difference clock - stamp determines the epoch, and
-    stamps that continue those of their topic are of the same epoch however late they arrive. With
-    d = clock - stamp and the offset o, a message is
+    stamps that continue those of their topic are of the same epoch however late they arrive. With d
+    = clock - stamp and the offset o, a message is
     - dated by its ARRIVAL if its stamp is 0, or in mode `arrival`;
-    - the FIRST stamped one of all: it decides o = d, as an old recording is of another epoch; what
-      was dated by the clock before is then dated again;
-    - STALE if its stamp is not after the newest used of its topic: a `copy` if it is that message
-      again, as of a second recorder; used in its place if the simulation has not used a later one;
-      else `out_of_order`, or `too_old` if it is more than 1 s back;
+    - the FIRST stamped one of all: it decides o = d, as in an old recording; messages that were
+      dated by the clock before are then dated again;
+    - STALE if its stamp is not after the newest used of its topic: a `copy` if it is the same
+      message; used in its place if the simulation has not used a later one; else `out_of_order`, or
+      `too_old` if it is more than 1 s back;
     - EARLY if it is more than 0.5 s ahead: it waits for its time, as /clock may follow, but is
       `in_future` if a later message refutes it, if others fit for 0.4 s, or if 1000 wait. Where
       nothing fits and 3 wait, a clock has JUMPED;
     - else used. If it is ahead and o is not 0, the first one was delayed: o = d. If it is more than
-      1 s late and none of its topic is used, the other topics' clock is another: `too_old`.
-    A clock has JUMPED, too, if the messages of a topic that do not fit keep their distance from it
-    (a queue that empties does not), and more topics heard lately speak for this d than for o: first
-    d = 0, then their number, then that of poses. Then o = d, and all starts over; as it does when
-    the clock goes back by more than 1 s.
+      1 s late and none of its topic is used, the clock of the other topics differs: `too_old`.
+    A clock has JUMPED, too, if messages that do not fit keep their distance from it (a queue that
+    empties does not), and more topics heard lately agree with this d than with o: first d = 0, then
+    their number, then that of poses. Then o = d and all starts over, as when the clock goes back by
+    more than 1 s.
 
     Two sources whose clocks differ by less than 0.5 s both fit. `o = d` means o = 0 if d fits the
     clock itself. In mode `stamp` o is always 0; stamps that would change it are refused.
@@ -183,11 +177,7 @@ class TimeBase:
         self.start_over()
 
     def add_source(self, is_pose: bool = False) -> Source:
-        """Add a topic; returns its state.
-
-        Args:
-            is_pose: whether it drives an end effector.
-        """
+        """Add a topic, and whether it drives an end effector; return the state of its stamps."""
         self._sources.append(Source(is_pose))
         return self._sources[-1]
 
@@ -207,11 +197,7 @@ class TimeBase:
         return base_ns + self.offset_ns
 
     def watch(self, clock_ns: int, tick: bool) -> int:
-        """Read the clock, and start over if it was set back by more than 1 s since the last tick.
-
-        Args:
-            clock_ns: clock time [ns].
-            tick: whether a tick is made now.
+        """Read the clock [ns]; start over if it was set back by more than 1 s since the last tick.
 
         Returns:
             By how much the clock was set back [ns] if the time base has started over; else 0.
@@ -228,13 +214,10 @@ class TimeBase:
         return back if back > MOST_BEHIND else 0
 
     def sort(self, source: Source, message: Stamped, arrival_ns: int) -> Iterator[Decision]:
-        """Decide about a valid message and the waiting ones of its topic.
+        """Decide about a valid message (stamp 0 = unstamped) and the waiting ones of its topic.
 
-        Call `source.use` with what is used before taking the next decision.
-
-        Args:
-            message: stamp 0 = unstamped.
-            arrival_ns: clock time of its arrival [ns].
+        Call `source.use` with what is used before taking the next decision. `arrival_ns`: clock
+        time [ns].
         """
         dated = message.stamp_ns == 0 or self.mode == "arrival"
         restart = False
@@ -327,11 +310,9 @@ class TimeBase:
         return Decision(pending.message, refusal=_in_future(ahead))
 
     def _place(self, source: Source, message: Stamped, clock_ns: int) -> bool | None:
-        """Apply the rules to a stamped message that arrives now; returns whether all starts over,
-        None: it waits.
+        """Apply the rules to a stamped message that arrives now.
 
-        Raises:
-            Copy, Refused: it is not used.
+        Returns whether all starts over, None if it waits; raises Copy or Refused if it is not used.
         """
         stamp_ns, difference_ns = message.stamp_ns, clock_ns - message.stamp_ns
         source.note(difference_ns, self._spent_ns)
@@ -352,8 +333,8 @@ class TimeBase:
         return False
 
     def _decide_first(self, difference_ns: int) -> bool:
-        """Let the first stamped message of all decide the offset; returns whether all that was
-        dated before starts over.
+        """Let the first stamped message decide the offset; return whether all dated before starts
+        over.
         """
         before_ns, self.offset_ns, self._decided = self.offset_ns, _offset(difference_ns), True
         known = any(source.last_ns is not None for source in self._sources)
@@ -376,8 +357,8 @@ class TimeBase:
         ]
 
     def _has_jumped(self, source: Source, stamp_ns: int) -> bool:
-        """Whether more speaks for the distance of a topic's messages, of which this is the newest
-        stamp, from the clock than for o.
+        """Whether more topics agree with the distance of this newest stamp from the clock than with
+        o.
         """
         run = source.run
         if run is None or self.mode != "auto":

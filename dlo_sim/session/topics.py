@@ -67,8 +67,8 @@ class InputTopic(NamedTuple):
 
     Attributes:
         topic: its name as in the scene (`~/...`), or resolved.
-        kind: `pose` or `two_points`, `wrench` or `force`, `taken`, `plan`, `markers`, or
-            `point_cloud` or `pose_array` of points on the cable.
+        kind: `pose`, `two_points`, `wrench`, `force`, `taken`, `plan`, `markers`, or `point_cloud`
+            or `pose_array` of points on the cable.
         target: name of the end, grasp, obstacle or load; empty if it has none.
     """
 
@@ -89,20 +89,20 @@ class InputTopic(NamedTuple):
 
 def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
     """The input topics of a scene, poses first; several targets may share a topic."""
-    found = [
+    topics = [
         InputTopic(e.pose_topic, e.pose_type, name)
         for name, e in scene.holders.items()
         if e.pose_topic
     ]
     bodies = [x for x in scene.obstacles if x.pose_topic and x.name in scene.moved]
-    found += [InputTopic(x.pose_topic, "pose", x.name) for x in bodies]
-    found += [InputTopic(x.input_topic, x.type, x.name) for x in scene.loads if x.input_topic]
-    found += [InputTopic(g.taken_topic, "taken", g.name) for g in scene.grasps if g.taken_topic]
+    topics += [InputTopic(x.pose_topic, "pose", x.name) for x in bodies]
+    topics += [InputTopic(x.input_topic, x.type, x.name) for x in scene.loads if x.input_topic]
+    topics += [InputTopic(g.taken_topic, "taken", g.name) for g in scene.grasps if g.taken_topic]
     if scene.measured.type != "none":
-        found.append(InputTopic(MEASURED, scene.measured.type, ""))
+        topics.append(InputTopic(MEASURED, scene.measured.type, ""))
     if scene.contact.markers:
-        found.append(InputTopic(OBSTACLES, "markers", ""))
-    return tuple(found)
+        topics.append(InputTopic(OBSTACLES, "markers", ""))
+    return tuple(topics)
 
 
 def tf_inputs(scene: Scene) -> tuple[InputTopic, ...]:
@@ -125,11 +125,8 @@ def resolved(topic: str) -> str:
 
 
 class Naming(NamedTuple):
-    """Names of a node and its topics; the defaults are those without remapping.
-
-    Attributes:
-        node: full name of the node, namespace included.
-        topic: name of a topic in the scene (`~/force`) -> resolved name, remapped.
+    """Full name of a node, and topics of its scene (`~/force`) -> resolved names; default: not
+    remapped.
     """
 
     node: str = f"/{NODE_NAME}"
@@ -138,21 +135,20 @@ class Naming(NamedTuple):
     def inputs(self, scene: Scene) -> tuple[InputTopic, ...]:
         """The input topics of a scene, by their resolved names.
 
-        Raises:
-            SceneError: two topics of different types have the same resolved name; names both.
+        Raises SceneError if two topics of different types have one resolved name.
         """
-        found = input_topics(scene)
+        entries = input_topics(scene)
         seen: dict[str, tuple[str, str]] = {}
-        given = [(entry.topic, entry.type) for entry in found]
-        for topic, kind in (*given, *possible_outputs(scene).items()):
+        listed = [(entry.topic, entry.type) for entry in entries]
+        for topic, kind in (*listed, *possible_outputs(scene).items()):
             name = self.topic(topic)
-            other, other_kind = seen.setdefault(name, (topic, kind))
+            first_topic, other_kind = seen.setdefault(name, (topic, kind))
             if kind != other_kind:
                 raise SceneError(
-                    f"{name}: stands for {other} ({other_kind}) and for {topic} ({kind}); "
+                    f"{name}: stands for {first_topic} ({other_kind}) and for {topic} ({kind}); "
                     "give one of them another name"
                 )
-        return tuple(entry._replace(topic=self.topic(entry.topic)) for entry in found)
+        return tuple(entry._replace(topic=self.topic(entry.topic)) for entry in entries)
 
 
 DEFAULT_NAMING = Naming()

@@ -1,9 +1,8 @@
-"""Queues of stamped messages until the simulation reaches their time, and loads that act from their
-stamps on (zero-order hold).
+"""Queues of stamped messages until the simulation reaches their time.
 
-A queue hands out values and calls nobody. During a step the newest load whose stamp is not after
-the start of the step acts. It is held until the next one, or removed `timeout` after its stamp. A
-load times `loads.<name>.sign` is a wrench ON THE CABLE.
+During a step the newest load whose stamp is not after its start acts. A load is held until the next
+one, or removed `timeout` after its stamp. A load times `loads.<name>.sign` is a wrench ON THE
+CABLE.
 """
 
 from __future__ import annotations
@@ -29,10 +28,8 @@ class LoadMessage(NamedTuple):
     """An accepted load.
 
     Attributes:
-        stamp_ns: time base [ns].
-        force: x, y, z [N], in the world frame or that of the end effector `end`.
-        torque: x, y, z [N m], in the same frame.
-        end: name of an end or a grasp; "" = world frame.
+        stamp_ns: time base [ns]. force, torque: x, y, z [N], [N m].
+        end: name of the end or grasp in whose end-effector frame they are; "" = world frame.
     """
 
     stamp_ns: int
@@ -45,11 +42,7 @@ Message = TypeVar("Message", bound=Any)  # a named tuple with `stamp_ns` in the 
 
 
 class Waiting(Generic[Message]):
-    """The pending messages of one input, in the order of their stamps.
-
-    Args:
-        most: number of newest ones that are kept, so that a paused simulation does not collect
-            them without limit.
+    """The pending messages of one input, in the order of their stamps; the newest `most` are kept.
 
     Attributes:
         passed_ns: stamp of the last message taken out [ns], None = none since `clear`; one that is
@@ -66,8 +59,8 @@ class Waiting(Generic[Message]):
         self.passed_ns: int | None = None
 
     def add(self, message: Message) -> None:
-        """Take an accepted message. One that comes late is put in its place; its stamp must be
-        newer than `passed_ns` and differ from those that wait.
+        """Insert a message; its stamp must be newer than `passed_ns` and differ from those that
+        wait.
         """
         newer = []
         while self._pending and self._pending[-1].stamp_ns > message.stamp_ns:
@@ -90,8 +83,8 @@ class LoadSchedule(Waiting[LoadMessage]):
     """The pending messages of one load.
 
     Attributes:
-        held: the last load that was taken out and acts since; None = none, or removed.
-        timeout: time [s] after the stamp of `held` when it is to be removed, 0 = never.
+        held: the load that acts now; None = none, or removed. timeout: [s] after its stamp when it
+            is to be removed, 0 = never.
     """
 
     def __init__(self, load: Load) -> None:

@@ -29,8 +29,8 @@ class Reference:
     """A converged motion.
 
     Attributes:
-        points: (T, m, 3) [m]. setting: what it was made with.
-        error: what the last refinements in space and time changed together [m].
+        points: (T, m, 3) [m]. setting: with which it was computed.
+        error: change by the last refinements in space and time together [m].
     """
 
     points: Array
@@ -41,13 +41,9 @@ class Reference:
 def converged(
     job: Job, tolerance: float, progress: Callable[[float], None] = lambda fraction: None
 ) -> Reference:
-    """Refine until the motion changes by less than a quarter of the tolerance.
+    """Refine until the largest change of the motion is less than a quarter of the tolerance [m].
 
-    Args:
-        tolerance: [m], of the largest distance anywhere at any time.
-
-    Raises:
-        NoReference: a run failed, or the finest two differ by more.
+    Raises NoReference if a run failed, or the finest two differ by more.
     """
     wanted = SHARE * tolerance
     setting, in_time = _method_and_step(job, wanted)

@@ -28,7 +28,7 @@ PERIODS = (8, 4, 2)  # in a step where nothing arrives in between
 PLACES = 21  # points of the cable that are compared
 MOST_TIMES = 1000
 HOPELESS = 2.0  # times the best run time: finer settings of a method are not tried any more
-STUCK = 0.9  # a smaller step that leaves this share of the error shows that space limits it
+STUCK = 0.9  # if a smaller step leaves this fraction of the error, space limits it
 FINALISTS = 3
 # Terms that may be switched off where that pays. Not twist: the angle is not in what is compared.
 SWITCHES = ("bend", "gravity", "damping", "out_of_plane")
@@ -41,10 +41,9 @@ class Tuned:
 
     Attributes:
         best: the fastest trial within the tolerance; None if there was none.
-        error: its largest distance from the reference [m].
-        reference: what it was compared with.
+        error: its largest distance from the reference [m]. reference: what it was compared with.
         present: the scene as it was, timed; its error [m] is infinite if it failed.
-        tried: number of settings that were run. least: smallest error found [m].
+        tried: number of settings that were run. least: smallest error of them [m].
     """
 
     best: Trial | None
@@ -65,7 +64,7 @@ class _Search:
     allowed: float
     good: list[tuple[Trial, float]]
     progress: Callable[[float], None]
-    done: float = 0.3  # share of the whole
+    done: float = 0.3  # fraction of the whole
     tried: int = 0
     least: float = float("inf")
 
@@ -95,8 +94,8 @@ def tune(
 ) -> Tuned:
     """Find the fastest setting whose centerline stays within the tolerance of the converged one.
 
-    The error is the largest distance at any of 21 points of the cable and any time; what the
-    reference itself may be off is taken from the tolerance. Grippers rest where the scene has them.
+    The error is the largest distance at any of 21 points of the cable and any time; the error of
+    the reference is subtracted from the tolerance. Grippers rest where the scene has them.
 
     Args:
         tolerance: [m]. duration: simulated time [s].
@@ -134,29 +133,28 @@ def _method(search: _Search, kind: Setting) -> None:
     for n_u in RESOLUTIONS:
         if n_u >= search.reference.setting.control_points:
             return
-        found, first = False, float("inf")
+        succeeded, first = False, float("inf")
         last = float("inf")
         coarse = replace(kind, control_points=n_u)
         for step in _steps(search, coarse):
             trial, off = search.run(replace(coarse, step=step))
             first = min(first, trial.first)
             if off <= search.allowed:
-                found = True
+                succeeded = True
                 break
             if trial.first > HOPELESS * search.fastest or off > STUCK * last:
                 break
             last = off
         # One resolution more may allow a longer step.
-        beyond += found
+        beyond += succeeded
         if beyond >= 2 or (np.isfinite(first) and first > HOPELESS * search.fastest):
             return
 
 
 def _without_terms(search: _Search, best: Trial, error: float) -> tuple[Trial, float]:
-    """The best setting with every term switched off that the tolerance can do without and that
-    costs something.
+    """The best setting without the terms that cost time and that the tolerance does not need.
 
-    Only of a scene that holds all of its motion: what grippers and live loads will do is not known.
+    Only for a scene that holds all of its motion, as grippers and live loads are not known.
     """
     scene = search.job.scene
     if _live(scene):
@@ -195,4 +193,4 @@ def _steps(search: _Search, setting: Setting) -> list[float]:
     except SceneError:
         return []
     # Whole nanoseconds: message stamps have no finer unit.
-    return [max(np.floor(share * own * 1e9 + 1e-3), 1.0) / 1e9 for share in SHARES]
+    return [max(np.floor(fraction * own * 1e9 + 1e-3), 1.0) / 1e9 for fraction in SHARES]

@@ -24,13 +24,13 @@ KEYS = {
 
 @dataclass(frozen=True, order=True)
 class Setting:
-    """How a scene is computed; what it is stays.
+    """How a scene is computed.
 
     Attributes:
         method: integrator.method.
         control_points: n_u. samples: Gauss points per knot span, or uniform samples in all.
-        step: tau [s]; 0 = what suits accuracy.target, at most 0.9 of the stability limit.
-        stretch: discretization.stretch, sample or span. knots: discretization.knots.
+        step: tau [s]; 0 = what accuracy.target needs, at most 0.9 of the stability limit.
+        stretch, knots: values of these keys of discretization.
         off: terms that are switched off although they are in the scene.
         tolerance: integrator.tolerance; None = the scene's.
     """
@@ -54,11 +54,7 @@ class Setting:
         return decided | {f"terms.{name}": "off" for name in self.off}
 
     def applied(self, scene: Scene) -> Scene:
-        """The scene computed with this setting.
-
-        Raises:
-            SceneError: the setting does not fit the scene.
-        """
+        """The scene computed with this setting; raises SceneError if it does not fit."""
         return scene.with_values(self.values)
 
     @property

@@ -29,13 +29,13 @@ MOST_REPEATS = 20
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What is computed and looked at, whatever the setting.
+    """What is computed and compared, whatever the setting.
 
     Attributes:
         scene: the cable and its world. duration: simulated time [s].
-        u: material coordinates looked at, as shares of the length. every: time between looks [s].
-        motions: what the grippers do, (end, motion) by start; a step that does not divide the times
-            between them sees each of them up to a step late.
+        u: compared material coordinates, as fractions of the length. every: sampling time [s].
+        motions: of the grippers, (end, motion) by start; a step that does not divide the times
+            between them applies each up to a step late.
     """
 
     scene: Scene
@@ -52,18 +52,18 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A setting and what it gave.
+    """A setting and its results.
 
     Attributes:
         step: [s]. steps: in the run. force_evaluations: in the run; Newton iterations of an
             implicit method.
-        points: positions [m] at the job's times and coordinates, shape (T, len(u), 3); those up to
-            the failure of a run that failed.
+        points: positions [m] at the job's times and coordinates, shape (T, len(u), 3), up to a
+            failure.
         message: empty, or why the run failed or was refused.
         wall: least run time [s per simulated s] of the repeats; infinite where not timed.
-        spread: (median - least) / least of them. repeats: how many.
+        spread: (median - least) / least of them. repeats: their number.
         energy_error: as the simulator reports it.
-        first: run time of the run that was looked at [s per simulated s], a rough one.
+        first: rough run time of the run that was sampled [s per simulated s].
     """
 
     setting: Setting
@@ -99,7 +99,7 @@ class Trial:
 
 
 def attempt(job: Job, setting: Setting, timed: bool = True, budget: float = TIMED) -> Trial:
-    """Run a setting on a job, look at the motion, then time the same steps without looking.
+    """Run a setting on a job and sample the motion, then time the same steps without sampling.
 
     A setting that the scene refuses and a run that fails give a trial with a message.
     """
@@ -133,8 +133,7 @@ def timed_again(
 ) -> Trial:
     """The trial with its run time measured, or measured once more and the least kept.
 
-    Args:
-        simulator: one of the trial's setting that has run already. budget: time for repeats [s].
+    `simulator`: one of the trial's setting that has run already. `budget`: time for repeats [s].
     """
     if simulator is None:
         simulator = Simulator(trial.setting.applied(job.scene))
@@ -153,33 +152,25 @@ def timed_again(
 
 
 def longest_step(scene: Scene) -> float:
-    """Longest step of an explicit method [s] that is chosen for stability, whatever the accuracy.
-
-    Raises:
-        SceneError: the scene refuses the method.
-    """
+    """Longest stable step [s] of an explicit method; raises SceneError if the scene refuses it."""
     choice = Simulator(scene).choice
     return float(min(SAFETY * choice.limit, 1.0 / scene.rate))
 
 
-def at_share(job: Job, setting: Setting, share: float) -> Setting:
-    """A setting at a share of its longest step, such that whole steps make a second.
+def at_share(job: Job, setting: Setting, fraction: float) -> Setting:
+    """A setting at a fraction of its longest step, such that whole steps make a second.
 
-    Raises:
-        SceneError: the setting does not fit the scene.
+    Raises SceneError if it does not fit the scene.
     """
     own = longest_step(replace(setting, step=0.0).applied(job.scene))
-    return replace(setting, step=float(1.0 / np.ceil(1.0 / (share * own) - 1e-9)))
+    return replace(setting, step=float(1.0 / np.ceil(1.0 / (fraction * own) - 1e-9)))
 
 
 def error(points: Array, truth: Array, components: Sequence[int] = (0, 1, 2)) -> float:
     """Largest rms over time [m] of any of the components at any of the coordinates.
 
-    Args:
-        points, truth: shape (T, m, 3) at the same times.
-
-    Returns:
-        Infinity where the lengths differ, or both are empty.
+    `points`, `truth`: shape (T, m, 3) at the same times. Infinite if lengths differ or both are
+    empty.
     """
     if len(points) != len(truth) or len(truth) == 0:
         return float("inf")
