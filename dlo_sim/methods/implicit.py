@@ -888,9 +888,10 @@ def try_step(cable, method, t0, tau, whole, level, careful, predicts):
     converged. If not, x, w and the constraints of the state are restored.
 
     It is a part of a step of length `whole`, over which reactions are averaged, that was halved
-    `level` times. If `careful`, corrections that overshoot are shortened; if `predicts`, the tangent
-    has the tension that the last correction predicted (`engine.tension`). At low levels, a step that folds the cable over (`turned_over`), or lets it pass
-    through itself, counts as not converged.
+    `level` times. If `careful`, corrections that overshoot are shortened; if `predicts`, the
+    tangent has the tension that the last correction predicted (`engine.tension`). At low levels, a
+    step that folds the cable over (`turned_over`), or lets it pass through itself, counts as not
+    converged.
 
     The matrix is reused, across steps too, while the iteration contracts fast (`judge_matrix`). It
     belongs to the state, so that a run continues bitwise identically from a snapshot.
