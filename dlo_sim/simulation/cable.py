@@ -177,11 +177,11 @@ class Cable:
             account.pairs = before.account.pairs
             account.pair_yield = before.account.pair_yield
             self._set_pairs(before.arrays.state.pair, before.model.axes)
-            self.call(self_contact.look)
+            self.call(self_contact.reset)
             for u in released:
                 self.part_strands(u)
         else:
-            self.call(self_contact.look)
+            self.call(self_contact.reset)
             kept = before.pressed_strands if before and not released else None
             if kept is not None:
                 kept /= self.arrays.chain.law[self_contact.STIFFNESS]
@@ -383,7 +383,7 @@ class Cable:
         if self.model.has(SELF):
             state.pair[:] = 0.0
             state.balance.pairs = 0.0
-            self.call(self_contact.look)
+            self.call(self_contact.reset)
 
     def forget_contact(self) -> None:
         """Set what earlier steps have left of contact with obstacles, but for yielding, to zero."""

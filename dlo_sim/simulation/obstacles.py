@@ -15,7 +15,7 @@ from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core import bspline, mass, quadrature, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.strain import strain
-from dlo_sim.engine import contact
+from dlo_sim.engine import contact, shapes
 from dlo_sim.engine.arrays import (
     BOXED,
     MARGIN,
@@ -90,19 +90,19 @@ def core_of(obstacle: Obstacle, radius: float) -> Core:
     """The core of an obstacle that a cable of this radius [m] touches."""
     x, y, z = (0.5 * size for size in obstacle.size)
     if obstacle.shape == "plane":
-        return Core(contact.HALF_SPACE, (0.0, 0.0, 0.0), radius)
+        return Core(shapes.HALF_SPACE, (0.0, 0.0, 0.0), radius)
     if obstacle.shape == "box":
-        return Core(contact.BOX, (x, y, z), radius)
+        return Core(shapes.BOX, (x, y, z), radius)
     if obstacle.shape == "cylinder":
-        return Core(contact.CYLINDER, (x, x, z), radius)
+        return Core(shapes.CYLINDER, (x, x, z), radius)
     if obstacle.shape in GUIDES:
         length = z - y if obstacle.shape == "channel" else 0.0
-        return Core(contact.TUBE, (x + y, 0.0, length), y + radius)
+        return Core(shapes.TUBE, (x + y, 0.0, length), y + radius)
     if obstacle.shape == "mesh":
         a, b, c = np.abs(triangles_of(obstacle)).max(axis=(0, 1)).tolist()
-        return Core(contact.MESH, (a, b, c), radius)
+        return Core(shapes.MESH, (a, b, c), radius)
     length = max(z - x, 0.0) if obstacle.shape == "capsule" else 0.0
-    return Core(contact.BOX, (0.0, 0.0, length), x + radius)
+    return Core(shapes.BOX, (0.0, 0.0, length), x + radius)
 
 
 # Bit of the code of a shape, which a plane does not need; shapes that markers bring.
@@ -137,9 +137,9 @@ def surface(obstacle: Obstacle, plate: float = 0.0) -> Array:
         return corners[faces[:, ((0, 1, 2), (2, 3, 0))].reshape(-1, 3)]
     kind, half, reach = core_of(obstacle, 0.0)
     upper = math.pi / (ACROSS // 2 - 1) * np.arange(ACROSS // 2)
-    if kind == contact.CYLINDER:
+    if kind == shapes.CYLINDER:
         return _revolved(np.array([0.0, half[0], half[0], 0.0]), half[2] * np.array([-1, -1, 1, 1]))
-    if kind == contact.TUBE:
+    if kind == shapes.TUBE:
         across = np.concatenate([upper, upper + math.pi])
         rho, straight = half[0] + reach * np.cos(across), np.repeat([1.0, -1.0], ACROSS // 2)
         return _revolved(rho, reach * np.sin(across) + half[2] * straight)
@@ -167,14 +167,14 @@ def gaps(obstacle: Obstacle, diameter: float, points: Array) -> Array:
     kind, half, reach = core_of(obstacle, 0.5 * diameter)
     turn = rotations.to_matrix(rotations.normalized(np.array(obstacle.orientation)))
     y = np.einsum("...i,ij->...j", points - np.array(obstacle.position), turn)
-    if kind == contact.HALF_SPACE:
+    if kind == shapes.HALF_SPACE:
         return np.asarray(y[..., 2] - reach)
-    if kind == contact.MESH:
+    if kind == shapes.MESH:
         return field_of(obstacle, reach).distance(y) - reach
     over = np.abs(y) - np.array(half)
-    if kind in (contact.CYLINDER, contact.TUBE):
+    if kind in (shapes.CYLINDER, shapes.TUBE):
         radial = np.hypot(y[..., 0], y[..., 1]) - half[0]
-        radial = np.abs(radial) if kind == contact.TUBE else radial
+        radial = np.abs(radial) if kind == shapes.TUBE else radial
         over = np.stack((radial, over[..., 2]), axis=-1)
     outside = np.linalg.norm(np.maximum(over, 0.0), axis=-1)
     return np.asarray(outside + np.minimum(over.max(axis=-1), 0.0) - reach)
@@ -403,7 +403,7 @@ def _samples(cable: Cable, number: int) -> tuple[Array, Array, Array, NDArray[np
     numbers = np.arange(len(reported) * LANES).reshape(-1, LANES, 1)
     rows = np.concatenate([reported.reshape(-1, LANES, 4), numbers], axis=-1)
     begin, end, spans = group.begin[number], group.end[number], model.n - bspline.DEGREE
-    flat = group.core[number] == contact.HALF_SPACE
+    flat = group.core[number] == shapes.HALF_SPACE
     found = by_span(rows[begin:end], flat, spans)
     pieces = 0 if flat else (end - begin) // spans
     rule = rule_of(tuple(model.knots.tolist()), pieces, group.radius)
@@ -656,11 +656,11 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
     group.radius = radius
     for k, obstacle in enumerate(scene.bodies[: group.count]):
         core = core_of(obstacle, radius)
-        flat = core.kind == contact.HALF_SPACE
+        flat = core.kind == shapes.HALF_SPACE
         group.core[k], group.half[k], group.reach[k] = core
         group.law[k] = law(scene, stiffness(scene, obstacle), scene.friction_of(obstacle))
         group.middle[k] = math.inf if flat else MIDDLE * (min(core.half) + core.reach)
-        if core.kind == contact.MESH:
+        if core.kind == shapes.MESH:
             _fill_field(obstacle, radius, group, k)
         # The cable is never further from what it touches.
         group.extent[k] = 2.0 * scene.cable.length if flat else math.hypot(*core.half)
@@ -768,7 +768,7 @@ def write_samples(group: ContactArrays, planes: Array, bodies: Array, guides: Ar
     spans, blocks = len(planes), group.coarse // COARSE
     flat = to_blocks(planes).transpose(0, 1, 3, 2)  # block, sample, lane, value
     begin_guides = group.coarse + spans * group.pieces
-    is_flat, is_guide = group.core == contact.HALF_SPACE, group.core == contact.TUBE
+    is_flat, is_guide = group.core == shapes.HALF_SPACE, group.core == shapes.TUBE
     group.begin[:] = np.where(is_flat, 0, np.where(is_guide, begin_guides, group.coarse))
     group.end[:] = np.where(is_guide, len(group.first), begin_guides)
     group.end[is_flat] = group.coarse
@@ -780,10 +780,6 @@ def write_samples(group: ContactArrays, planes: Array, bodies: Array, guides: Ar
     by_piece = (np.repeat(np.arange(spans), k) for k in (group.pieces, group.guide_pieces))
     firsts = np.repeat(LANES * np.arange(blocks), COARSE), *by_piece
     group.first[:] = MARGIN + np.concatenate(firsts)
-    one, other = np.triu_indices(bspline.ACTIVE)
-    pairs = np.zeros((*fine.shape[:2], 2 * LANES))
-    pairs[..., : len(one)] = fine[..., one] * fine[..., other]
-    group.pairs[:] = pairs.reshape(*fine.shape[:2], 2, LANES)
 
 
 def by_span(groups: Array, flat: bool, spans: int) -> Array:
