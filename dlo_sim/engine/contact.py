@@ -579,17 +579,26 @@ def add_samples(cable, o, g, turned_at, h, scale, block, band):
     pose at `turned_at`. They wait in `work.contact_sums` until another block (`block_of`) begins;
     returns the block that waits.
     """
-    contact, dim, pose = cable.contact, cable.dim, cable.state.pose[o]
-    c0, c1, c2 = to_lines(pose, END, h[0]), to_lines(pose, END, h[1]), to_lines(pose, END, h[2])
-    w, here = scale * contact.weight[g], block_of(cable, g)
+    contact, pose = cable.contact, cable.state.pose[o]
+    h = to_lines(pose, END, h[0]), to_lines(pose, END, h[1]), to_lines(pose, END, h[2])
+    w, e, here = scale * contact.weight[g], contact.basis[g], block_of(cable, g)
+    h = scaled(w, h[0]), scaled(w, h[1]), scaled(w, h[2])
     if here != block and block >= 0:
         add_block(cable, block, band)
-    for i in range(dim):
-        at = turned_at + 3 * i
-        f = combined(pose[at], c0, pose[at + 1], c1)
-        f = scaled(w, combined(1.0, f, pose[at + 2], c2))
-        add_line(cable.work.contact_sums, contact.basis[g], dim, dim, i, f)
+    if cable.dim == 3:  # with loops of known length
+        add_lines(cable.work.contact_sums, e, 3, pose, turned_at, h)
+    else:
+        add_lines(cable.work.contact_sums, e, 2, pose, turned_at, h)
     return here
+
+
+@part
+def add_lines(sums, e, dim, pose, at, h):
+    """Add what a sample with basis values e adds to so many lines of R h: see `add_line`."""
+    for i in range(dim):
+        f = combined(pose[at + 3 * i], h[0], pose[at + 3 * i + 1], h[1])
+        f = combined(1.0, f, pose[at + 3 * i + 2], h[2])
+        add_line(sums, e, dim, dim, i, f)
 
 
 @part
@@ -630,32 +639,34 @@ def clear_sums(cable):
         store(cable.work.contact_sums, row, 0, 0.0)
 
 
-@piece(void, CABLE, int64, LINES, terms=CONTACT)
-def add_block(cable, block, band):
-    """band += `work.contact_sums` of a block, which then has none."""
-    dim = cable.dim
+@part
+def add_spans(cable, block, dim, band):
+    """`add_block` for so many lines."""
     first, spans = spans_of(cable, block)
+    half = 4 * dim - 1
     for span in range(spans):
         row = 0
         for one in range(4):
             for other in range(one, 4):
+                apart = (other - one) * dim
                 for i in range(dim):
+                    at, to = (first + span + one) * dim + i, (first + span + other) * dim + i
                     for c in range(dim):
                         value = sum_of(cable, block, row, span)
-                        add_pair(dim, first + span, one, other, i, c, value, band)
+                        band[at, half - i + c + apart] += value
+                        if other > one:
+                            band[to, half - i + c - apart] += value
                         row += 1
+
+
+@piece(void, CABLE, int64, LINES, terms=CONTACT)
+def add_block(cable, block, band):
+    """band += `work.contact_sums` of a block, which then has none."""
+    if cable.dim == 3:  # with loops of known length
+        add_spans(cable, block, 3, band)
+    else:
+        add_spans(cable, block, 2, band)
     clear_sums(cable)
-
-
-@part
-def add_pair(dim, first, one, other, i, c, value, band):
-    """band += an entry between line i of control point first + `one` and line c of first + `other`,
-    and between line i of the latter and c of the former.
-    """
-    at, apart = 4 * dim - 1 - i + c, (other - one) * dim
-    band[(first + one) * dim + i, at + apart] += value
-    if other > one:
-        band[(first + other) * dim + i, at - apart] += value
 
 
 # -- velocities after contact --------------------------------------------------------------------
