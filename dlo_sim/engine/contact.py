@@ -68,7 +68,7 @@ from dlo_sim.compiling.lanes import (
     where,
     zero,
 )
-from dlo_sim.compiling.pieces import ARRAY_2D, NO, YES, part, piece
+from dlo_sim.compiling.pieces import ARRAY_2D, part, piece
 from dlo_sim.engine.arrays import (
     CABLE,
     CONTACT,
@@ -251,6 +251,12 @@ def to_lines(pose, at, v):
         pose[at + 3] * v[0] + pose[at + 4] * v[1] + pose[at + 5] * v[2],
         pose[at + 6] * v[0] + pose[at + 7] * v[1] + pose[at + 8] * v[2],
     )
+
+
+@part
+def from_body(pose, at, y):
+    """R y + c."""
+    return combined(1.0, to_lines(pose, at, y), 1.0, (pose[at + 9], pose[at + 10], pose[at + 11]))
 
 
 # -- samples of the cable ------------------------------------------------------------------------
@@ -673,28 +679,14 @@ def add_block(cable, block, band):
 
 
 @part
-def pose_rate(pose, k, f, g):
-    """f times the change of entry k of a pose in the first half of a step, g in the second."""
-    early, late = pose[MIDDLE + k] - pose[START + k], pose[END + k] - pose[MIDDLE + k]
-    return f * early + g * late
-
-
-@part
-def body_velocity(pose, y, begins, tau):
-    """Velocity (3, by line) of points y in the frame of an obstacle at the beginning or the end of
-    a step: that of the parabola through its three poses.
+def body_velocity(pose, y, f, g):
+    """Velocity (3, by line) of points y in the frame of an obstacle: f times their way in the first
+    half of a step, g times that in the second, that of the parabola through its three poses.
     """
-    f, g = (3.0 / tau, -1.0 / tau) if begins else (-1.0 / tau, 3.0 / tau)
-    turned_by = (
-        (pose_rate(pose, 0, f, g), pose_rate(pose, 1, f, g), pose_rate(pose, 2, f, g)),
-        (pose_rate(pose, 3, f, g), pose_rate(pose, 4, f, g), pose_rate(pose, 5, f, g)),
-        (pose_rate(pose, 6, f, g), pose_rate(pose, 7, f, g), pose_rate(pose, 8, f, g)),
-    )
-    return (
-        dot(turned_by[0], y) + pose_rate(pose, 9, f, g),
-        dot(turned_by[1], y) + pose_rate(pose, 10, f, g),
-        dot(turned_by[2], y) + pose_rate(pose, 11, f, g),
-    )
+    middle = from_body(pose, MIDDLE, y)
+    early = combined(1.0, middle, -1.0, from_body(pose, START, y))
+    late = combined(1.0, from_body(pose, END, y), -1.0, middle)
+    return combined(f, early, g, late)
 
 
 @part
@@ -733,7 +725,7 @@ def expect(cable, o, g, tau):
             kept[TURNS] = turn / (tau * sqrt(dot(t, t)) + TINY)
     elif cable.terms & ROLLING:
         put(touch, LEVER, rubbed)
-    came = body_velocity(pose, three(before, PLACE), YES, tau)
+    came = body_velocity(pose, three(before, PLACE), 3.0 / tau, -1.0 / tau)
     came = combined(1.0, sample_at(cable, work.start_v, g), -1.0, came)
     speed = dot(three(before, NORMAL), turned_back(pose, START, came))
     put(kept, UNIT, scaled(1.0 / (sqrt(dot(normal, normal)) + TINY), normal))
@@ -742,7 +734,7 @@ def expect(cable, o, g, tau):
         contact.restitution * where(speed, 0.0, speed),
     )
     put(kept, RUBBED, rubbed)
-    put(kept, CARRIED, body_velocity(pose, three(after, PLACE), NO, tau))
+    put(kept, CARRIED, body_velocity(pose, three(after, PLACE), -1.0 / tau, 3.0 / tau))
     limit = tau * limit
     kept[STICKS] = where(limit * limit - (1.0 + SAME) * dot(rubbed, rubbed), 1.0, 0.0)
     put(kept, SLID, (none, none, none))

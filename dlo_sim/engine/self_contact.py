@@ -200,20 +200,14 @@ def nearest(segments, blunt):
 
 
 @part
-def may_pass(ends, p, square0, square1, blunt):
+def may_pass(before, after, square0, square1, blunt):
     """1 where two segments may pass through each other in a step: the motion of an end of one
     relative to one of the other is as long as the sum of the distances at both ends of the step.
     """
     most, excess = zero(), 0.25 * (blunt[0] + blunt[1])
     for i in range(2):
         for j in range(2):
-            one = combined(
-                1.0, loaded(ends, ENDED + 3 * i, p), -1.0, loaded(ends, BEGUN + 3 * i, p)
-            )
-            other = combined(
-                1.0, loaded(ends, ENDED + 6 + 3 * j, p), -1.0, loaded(ends, BEGUN + 6 + 3 * j, p)
-            )
-            way = combined(1.0, one, -1.0, other)
+            way = combined(1.0, between(after, i, j), -1.0, between(before, i, j))
             most = where(dot(way, way) - most, dot(way, way), most)
     near0, near1 = square0 - excess, square1 - excess
     room = sqrt(where(near0, near0, 0.0)) + sqrt(where(near1, near1, 0.0))
@@ -238,15 +232,11 @@ def spread_forces(cable, count, out):
         if work.beside[b] == 0.0:
             continue
         for d in range(cable.dim):
-            g0, g1, g2, g3 = zero(), zero(), zero(), zero()
-            for j in range(chain.segments + 1):
-                f, e = load(push, 3 * j + d, LANES * b), chain.basis[b, j]
-                g0, g1, g2, g3 = g0 + e[0] * f, g1 + e[1] * f, g2 + e[2] * f, g3 + e[3] * f
-            at = MARGIN + LANES * b
-            store(out, d, at, load(out, d, at) + g0)
-            store(out, d, at + 1, load(out, d, at + 1) + g1)
-            store(out, d, at + 2, load(out, d, at + 2) + g2)
-            store(out, d, at + 3, load(out, d, at + 3) + g3)
+            for k in range(4):
+                value = load(out, d, MARGIN + LANES * b + k)
+                for j in range(chain.segments + 1):
+                    value += chain.basis[b, j][k] * load(push, 3 * j + d, LANES * b)
+                store(out, d, MARGIN + LANES * b + k, value)
 
 
 @piece(void, CABLE, float64, LINES, LINES, terms=SELF)
@@ -319,7 +309,7 @@ def add_force(cable, rate, x1, out):
                 store(kept, BY_GAP + 3 * d + e, p, along[d] * unit[e])
                 store(kept, BY_SLIP + 3 * d + e, p, wide * by_slip[d][e])
         store(kept, PRESSURE, p, wide * push)
-        store(kept, PASSED, p, may_pass(ends, p, square0, square1, blunt))
+        store(kept, PASSED, p, may_pass(before, after, square0, square1, blunt))
         first, last = scaled(wide, first), scaled(wide, last)
         for d in range(3):
             store(forces, d, p, (1.0 - s0) * first[d] + (1.0 - s1) * last[d])
@@ -362,14 +352,10 @@ def fill_side(cable, directions, p, a, b, s, t, first):
     work, chain, dim = cable.work, cable.chain, cable.dim
     _, _, i, j = pair_of(cable, cable.state.pair[0, p])
     spare, at, side = work.step, work.pair_at, work.pair_side
-    begin, count = max(b, a + 4), 0
-    for c in range(a, a + 4):
-        for d in range(dim):
-            at[count] = c * dim + d
-            count += 1
-    for c in range(begin, b + 4):
-        for d in range(dim):
-            at[count] = c * dim + d
+    count = 0
+    for r in range(a * dim, (b + 4) * dim):
+        if r < (a + 4) * dim or r >= b * dim:
+            at[count] = r
             count += 1
     for line in range(dim):
         for k in range(count):
@@ -466,20 +452,22 @@ def motion(cable, x0, x1):
 
 
 @part
-def hull(cable, x, b):
-    """Centre of the control points of span b, and the distance of the farthest of them."""
-    first, square = MARGIN + b, 0.0
-    c0 = 0.25 * (x[0, first] + x[0, first + 1] + x[0, first + 2] + x[0, first + 3])
-    c1 = 0.25 * (x[1, first] + x[1, first + 1] + x[1, first + 2] + x[1, first + 3])
-    c2 = 0.0
-    if cable.dim == 3:
-        c2 = 0.25 * (x[2, first] + x[2, first + 1] + x[2, first + 2] + x[2, first + 3])
-    for c in range(first, first + 4):
-        far = (x[0, c] - c0) ** 2 + (x[1, c] - c1) ** 2
-        if cable.dim == 3:
-            far += (x[2, c] - c2) ** 2
+def middle_of(cable, x, b, d):
+    """One line of the mean of the control points of span b."""
+    c = MARGIN + b
+    return 0.25 * (x[d, c] + x[d, c + 1] + x[d, c + 2] + x[d, c + 3])
+
+
+@part
+def size_of(cable, x, b):
+    """Distance of the farthest control point of span b from their mean."""
+    square = 0.0
+    for c in range(MARGIN + b, MARGIN + b + 4):
+        far = 0.0
+        for d in range(cable.dim):
+            far += (x[d, c] - middle_of(cable, x, b, d)) ** 2
         square = max(square, far)
-    return c0, c1, c2, np.sqrt(square)
+    return np.sqrt(square)
 
 
 @part
@@ -505,7 +493,7 @@ def find_near(cable, x, margin):
     for a in range(spans):
         if chain.length[a] == 0.0:
             continue
-        a0, a1, a2, size = hull(cable, x, a)
+        size = size_of(cable, x, a)
         straight = not (folds or leaves_cone(cable, x, MARGIN + a + 1, MARGIN + a))
         straight = straight and not leaves_cone(cable, x, MARGIN + a + 1, MARGIN + a + 2)
         for b in range(a, spans):
@@ -513,9 +501,10 @@ def find_near(cable, x, margin):
                 straight = not leaves_cone(cable, x, MARGIN + a + 1, MARGIN + b + 2)
             if straight or chain.length[b] == 0.0:
                 continue
-            b0, b1, b2, other = hull(cable, x, b)
-            room = size + other + chain.diameter + 2.0 * margin
-            if (a0 - b0) ** 2 + (a1 - b1) ** 2 + (a2 - b2) ** 2 > room * room:
+            room, square = size + size_of(cable, x, b) + chain.diameter + 2.0 * margin, 0.0
+            for d in range(cable.dim):
+                square += (middle_of(cable, x, a, d) - middle_of(cable, x, b, d)) ** 2
+            if square > room * room:
                 continue
             if count == most:
                 cable.work.results.pairs_beyond += 1.0
