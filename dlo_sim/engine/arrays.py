@@ -293,13 +293,13 @@ class State(Group):
         "contact_carried",  # by how much obstacles move in this step [m]
         "extrapolated_share",  # of the second difference that `implicit.predict` extrapolates
         "stopped",  # 1 if the last step had impulses of contact
-        "yields",  # 1 if an obstacle has yielded to a sample
+        "decaying",  # 1 if overlap of a sample with an obstacle decays
         "contact_deep",  # samples and steps near the middle of an obstacle
         "pairs",  # of segments that may touch in a step (`self_contact`)
         "pairs_lost",  # for which there was no room in accepted steps
         "crossed",  # steps in which the cable passed through itself
-        "pair_yield",  # by which the cable touches itself with a smaller diameter [m]
-        "pair_yield_end",  # this at the end of the step
+        "pair_overlap",  # by which the cable touches itself with a smaller diameter [m]
+        "pair_overlap_end",  # this at the end of the step
         "overlap",  # by which strands overlapped when the run began [m]
         "near_spans",  # pairs of spans in `near_pair`
         "near_margin",  # by which control points may move until these are found anew [m]
@@ -318,9 +318,9 @@ class State(Group):
     near_count = Reals("obstacles")
     near = Reals("obstacles", "groups")  # so many groups of samples that may touch the obstacle
     bristle = Lanes("obstacles", "groups", 3)  # friction that sticks, in its frame [m]
-    # By how much less an obstacle reaches to a sample at the start and end of a step [m], and how
-    # deep the sample was in it, without that, at the start of the last one.
-    yielded = Lanes("obstacles", "groups", 3)
+    # Overlap that decays: by how much less an obstacle reaches to a sample at the start and end of
+    # a step [m]; and how deep the sample was in it, without that, at the start of the last one.
+    overlap = Lanes("obstacles", "groups", 3)
     near_pair = Reals("near_pairs")  # spans a <= b that may touch: a times spans plus b
     pair = Reals(4, "pairs")  # segments that may touch (`self_contact.key_of`), bristle [m]
 
@@ -347,7 +347,7 @@ class Work(Group):
         "forces_known",  # 1 while `force` is that of the present state, for explicit methods
         "power",  # of the grasps at the present state [W] (`methods.runge_kutta`)
         "coupled",  # where the factors of the step are: IN_STATE, IN_SKYLINE or IN_ROLLING_BAND
-        "yielded",  # `balance.yields` at the start of the step
+        "decaying",  # that of the balance at the start of the step
         *("contact_work", "contact_loss"),  # of the last forces [J] (`contact.add_force`)
         *("contact_jumps", "contact_deep"),  # samples that passed an obstacle, or near its middle
         "twist_open",  # 1 if the twist of a cable that rolls has not converged

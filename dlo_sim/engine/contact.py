@@ -38,12 +38,12 @@ the tangent t. Friction then sees dy - phi l in place of dy, and turns the cable
 the moment - l.f per length (`engine.rolling`). Without that, friction acts on the axis. The moment
 of friction along the cable, which bends it, is left out.
 
-**Jumps.** An obstacle that jumps into the cable would fling it out. It yields instead: at first its
-reach becomes less by the same length for all samples, the largest by which one is pressed in more
-than before (`simulation.obstacles.give_way`). Then the reach to each sample grows back at up to
-RETURN, as fast as the cable gives way. Where it does not, being held or pushed out of two opposite
-sides, it grows slowly, and waits at last; its force is bounded. The gap then changes by n.dy and
-the growth, whose work p times growth is that of the obstacle.
+**Overlap that decays.** An obstacle that jumps into the cable would fling it out. Instead its reach
+becomes less at first by the same length for all samples, the largest by which one is pressed in
+more than before (`simulation.obstacles.let_overlap`), and the reach to each sample grows back at up
+to RETURN, as fast as the cable comes out. Where it does not come, being held or pushed out of two
+opposite sides, the reach grows slowly, and waits at last; its force is bounded. The gap then
+changes by n.dy and the growth, whose work p times growth is that of the obstacle.
 
 **Broad phase.** Groups of samples near an obstacle are found for many steps at once: until cable
 and obstacles have moved by `balance.contact_margin`.
@@ -119,8 +119,8 @@ UNIT, PUSHED, RUBBED, CARRIED, BOUNCE, TURNS, STICKS, SLID, KNOWN = 0, 3, 4, 7, 
 
 SMOOTH = 1e-18  # [m^2], of a motion of 1e-9 m, below which n needs no directional part
 JUMP = 0.05  # share of the reach that a step may move past an obstacle without a look at normals
-RETURN = 0.2  # [m/s], at which an obstacle that has yielded pushes the cable out
-# An obstacle that has yielded to a sample grows back by up to FOLLOWED times as much in a step as
+RETURN = 0.2  # [m/s], at which overlap with an obstacle decays
+# Overlap of a sample with an obstacle decays by up to FOLLOWED times as much in a step as
 # the sample came out in the last one; where it does not, being held, until the pressure is that of
 # so many weights of the cable on EARTH, after RISE [s], as a sudden push would lever it out.
 FOLLOWED, PRESSED, RISE, EARTH = 2.0, 150.0, 0.15, 9.81
@@ -159,11 +159,11 @@ def set_pose(cable, o, at, t):
 
 
 @part
-def settle_yielding(cable, o, at):
-    """What an obstacle yields at the start (0) or end (1) of a step is that of the whole step."""
+def settle_overlap(cable, o, at):
+    """The overlap at the start (0) or end (1) of a step is that of the whole step."""
     for k in range(int(cable.state.near_count[o])):
-        yielded = cable.state.yielded[o, int(cable.state.near[o, k])]
-        yielded[1 - at] = yielded[at]
+        overlap = cable.state.overlap[o, int(cable.state.near[o, k])]
+        overlap[1 - at] = overlap[at]
 
 
 @part
@@ -415,10 +415,10 @@ def toward(contact, o, before, after, dy):
 
 @part
 def friction_at(cable, o, g):
-    """Coefficients of friction of the samples of a group: 0 where the obstacle has yielded, as it
-    would hold fast what it pushes out in different directions.
+    """Coefficients of friction of the samples of a group: 0 where overlap decays, as friction would
+    hold fast what is pushed out in different directions.
     """
-    return where(cable.state.yielded[o, g, 1], 0.0, cable.contact.law[o, FRICTION])
+    return where(cable.state.overlap[o, g, 1], 0.0, cable.contact.law[o, FRICTION])
 
 
 @part
@@ -469,14 +469,14 @@ def add_force(cable, steps, waits, x, out):
             )
             dy = combined(1.0, three(after, PLACE), -1.0, three(before, PLACE))
             g0, g1, w = before[DISTANCE] - reach, after[DISTANCE] - reach, contact.weight[g]
-            touch, yielded = work.touch[o, g], state.yielded[o, g]
+            touch, overlap = work.touch[o, g], state.overlap[o, g]
             if misses(contact, o, g0, g1, dy):
                 touch[PRESSURE] = zero()
                 if rubbed:
                     lost += 0.5 * k_t * w * release(cable, o, g)
                 continue
             n, jumped = toward(contact, o, before, after, dy)
-            g0, g1 = g0 + yielded[0], g1 + yielded[1]
+            g0, g1 = g0 + overlap[0], g1 + overlap[1]
             lands = 1.0 - state.slides[o, g, 0]
             damped = law[STIFFNESS] * (DAMPED + (0.5 - DAMPED) * lands) if steps else zero()
             p, slope, loss = pressure(law[STIFFNESS], damped, lands, g0, g1)
@@ -487,7 +487,7 @@ def add_force(cable, steps, waits, x, out):
             deep += where(w, where(-g1 - contact.middle[o], 1.0, 0.0), 0.0)
             bits = bits_above(p) | bits_above(g1) << LANES
             lost += w * loss
-            worked += w * (yielded[0] - yielded[1]) * p
+            worked += w * (overlap[0] - overlap[1]) * p
             f = scaled(p, n)
             if rubbed:
                 phi, lever = zero(), (zero(), zero(), zero())
@@ -531,7 +531,7 @@ def energy(cable, x, out):
             g = int(state.near[o, k])
             measure(cable, o, g, ENDED, x)
             gap = cable.work.measured[o, g, ENDED][DISTANCE] - contact.reach[o]
-            deep, z = depth(gap + state.yielded[o, g, 1]), three(state.bristle[o, g], 0)
+            deep, z = depth(gap + state.overlap[o, g, 1]), three(state.bristle[o, g], 0)
             stored = law[STIFFNESS] * deep * deep + law[BRISTLE] * dot(z, z)
             sum_ += 0.5 * contact.weight[g] * stored
     out[TOUCHING] += lane_sum(sum_)
@@ -693,7 +693,7 @@ def body_velocity(pose, y, f, g):
 def is_pressed(cable, o, g):
     """Whether any sample of a group is pressed at the end of a step, as last looked at."""
     gap = cable.work.measured[o, g, ENDED][DISTANCE] - cable.contact.reach[o]
-    return any_above(-(gap + cable.state.yielded[o, g, 1]))
+    return any_above(-(gap + cable.state.overlap[o, g, 1]))
 
 
 @part
@@ -884,7 +884,7 @@ def find_near(cable, x, margin):
                 state.near[o, near] = g
                 near += 1
             else:
-                put(state.yielded[o, g], 0, (zero(), zero(), zero()))
+                put(state.overlap[o, g], 0, (zero(), zero(), zero()))
                 state.slides[o, g, 0] = zero()
         state.near_count[o] = near
 
@@ -912,7 +912,7 @@ def begin(cable, t0, tau, way, x):
             set_pose(cable, o, MIDDLE, t0 + 0.5 * tau)
             set_pose(cable, o, END, t0 + tau)
             carried = max(carried, pose_way(cable, o))
-    if balance.yields > 0.0:
+    if balance.decaying > 0.0:
         carried = max(carried, RETURN * tau)
     way = 1.5 * (way + carried)
     if not balance.contact_way + way < balance.contact_margin:
@@ -923,33 +923,33 @@ def begin(cable, t0, tau, way, x):
     for o in range(cable.contact.count):
         for k in range(int(cable.state.near_count[o])):
             measure(cable, o, int(cable.state.near[o, k]), BEGUN, x)
-    cable.work.results.yielded = balance.yields
-    if balance.yields > 0.0:
-        grow_back(cable, tau)
+    cable.work.results.decaying = balance.decaying
+    if balance.decaying > 0.0:
+        decay_overlap(cable, tau)
 
 
 @part
-def grow_back(cable, tau):
-    """Let what obstacles have yielded become less in a step of length tau."""
+def decay_overlap(cable, tau):
+    """Let the overlap with obstacles become less in a step of length tau."""
     contact, state, left = cable.contact, cable.state, zero()
     for o in range(contact.count):
         most = PRESSED * EARTH * contact.density / contact.law[o, STIFFNESS]
         for k in range(int(state.near_count[o])):
             g = int(state.near[o, k])
-            yielded = state.yielded[o, g]
-            before = yielded[0]
+            overlap = state.overlap[o, g]
+            before = overlap[0]
             if not any_above(before):
                 continue
             deep = contact.reach[o] - cable.work.measured[o, g, BEGUN][DISTANCE]
-            grown = FOLLOWED * (yielded[2] - deep)  # out of it in the last step
+            grown = FOLLOWED * (overlap[2] - deep)  # out of it in the last step
             grown = where(grown - most * tau / RISE, grown, most * tau / RISE)
             grown = where(grown - RETURN * tau, RETURN * tau, grown)
             room = before - deep  # where it does not press, to where it does
             grown = where(room, where(room - RETURN * tau, RETURN * tau, room), grown)
             after = before - where(most + room, grown, 0.0)
-            yielded[1] = where(after, after, 0.0)
-            left += yielded[1]
-    state.balance.yields = 1.0 if lane_sum(left) > 0.0 else 0.0
+            overlap[1] = where(after, after, 0.0)
+            left += overlap[1]
+    state.balance.decaying = 1.0 if lane_sum(left) > 0.0 else 0.0
 
 
 @part
@@ -957,8 +957,8 @@ def reset(cable):
     """The step was not made."""
     for o in range(cable.contact.count):
         settle_pose(cable.state.pose[o], START)
-        settle_yielding(cable, o, 0)
-    cable.state.balance.yields = cable.work.results.yielded
+        settle_overlap(cable, o, 0)
+    cable.state.balance.decaying = cable.work.results.decaying
 
 
 @part
@@ -989,16 +989,16 @@ def commit(cable, tau):
                 put(state.bristle[o, g], 0, three(cable.work.trial[o, g], 0))
             state.slides[o, g, 0] = slides_along(cable, o, g, tau)
             deep = contact.reach[o] - cable.work.measured[o, g, ENDED][DISTANCE]
-            # Of the start of the step, for `grow_back`.
+            # Of the start of the step, for `decay_overlap`.
             begun = cable.work.measured[o, g, BEGUN][DISTANCE]
-            state.yielded[o, g, 2] = contact.reach[o] - begun
-            deep = where(fabs(contact.weight[g]), deep - state.yielded[o, g, 1], 0.0)
+            state.overlap[o, g, 2] = contact.reach[o] - begun
+            deep = where(fabs(contact.weight[g]), deep - state.overlap[o, g, 1], 0.0)
             deepest = where(deep - deepest, deep, deepest)
         if any_above(deepest - state.deepest[o]):
             for k in range(LANES):
                 state.deepest[o] = max(state.deepest[o], lane(deepest, k))
         settle_pose(state.pose[o], END)
-        settle_yielding(cable, o, 1)
+        settle_overlap(cable, o, 1)
 
 
 @piece(boolean, CABLE, LINES, terms=CONTACT)
@@ -1038,7 +1038,7 @@ def report(address, obstacle, out):
         measure(cable, o, g, ENDED, state.x)
         kept, z = cable.work.measured[o, g, ENDED], three(state.bristle[o, g], 0)
         gap, n = kept[DISTANCE] - contact.reach[o], three(kept, NORMAL)
-        f = combined(-law[STIFFNESS] * depth(gap + state.yielded[o, g, 1]), n, -law[BRISTLE], z)
+        f = combined(-law[STIFFNESS] * depth(gap + state.overlap[o, g, 1]), n, -law[BRISTLE], z)
         f = combined(1.0, to_lines(pose, END, f), 1.0, three(state.stopped[o, g], 0))
         f = scaled(contact.weight[g], f)
         for k in range(LANES):

@@ -26,8 +26,8 @@ bristle, of the length of the penetration times mu, begins anew; its energy is l
 Where the contact goes over, two pairs share the pressure: for a moment it is up to twice as stiff.
 
 **Strands that overlap** when a run begins would fling each other out. They touch with a diameter
-that is less by as much as they overlap and grows back at the speed RETURN, as the reach of an
-obstacle that yields (`engine.contact`). The gap then changes by the growth, too, and p times the
+that is less by as much as they overlap and grows back at the speed RETURN, as the reach of
+obstacles does (`engine.contact`). The gap then changes by the growth, too, and p times the
 growth is the work that it does.
 
 **Crossing.** Control points move straight from the start of a step to its end. A step in which two
@@ -251,8 +251,8 @@ def add_force(cable, rate, x1, out):
     count, balance = int(state.balance.pairs), state.balance
     if count == 0:
         return
-    thick0 = chain.diameter - balance.pair_yield
-    thick1 = chain.diameter - balance.pair_yield_end if rate > 0.0 else thick0
+    thick0 = chain.diameter - balance.pair_overlap
+    thick1 = chain.diameter - balance.pair_overlap_end if rate > 0.0 else thick0
     ends, kept, forces, law = work.pair_ends, work.pair_law, work.pair_force, chain.law
     k_t, mu = law[BRISTLE], law[FRICTION]
     whole = k_t + law[BRISTLE_DAMPING] * rate + TINY
@@ -333,7 +333,7 @@ def energy(cable, x, out):
     for p in range(0, count, LANES):
         blunt = load(ends, BLUNT_A, p), load(ends, BLUNT_B, p)
         _, _, square = nearest(segments_at(ends, ENDED, p), blunt)
-        deep = depth(sqrt(square) - (chain.diameter - state.balance.pair_yield))
+        deep = depth(sqrt(square) - (chain.diameter - state.balance.pair_overlap))
         z = loaded(state.pair, 1, p)
         stored = chain.law[STIFFNESS] * deep * deep + chain.law[BRISTLE] * dot(z, z)
         sum_ += 0.5 * load(ends, LONG, p) * stored
@@ -608,7 +608,7 @@ def begin(cable, tau, x0, x1, change):
     may touch.
     """
     balance = cable.state.balance
-    balance.pair_yield_end = max(balance.pair_yield - RETURN * tau, 0.0)
+    balance.pair_overlap_end = max(balance.pair_overlap - RETURN * tau, 0.0)
     way, turn = motion(cable, x0, x1)
     way = ROOM * way + 0.1 * LEAST * cable.chain.diameter
     cable.work.results.pairs_beyond = 0.0
@@ -777,7 +777,7 @@ def validate(cable, tau, level, left):
 def commit(cable):
     """Account for a step that was found valid, and keep its bristles."""
     state, count = cable.state, int(cable.state.balance.pairs)
-    state.balance.pair_yield = state.balance.pair_yield_end
+    state.balance.pair_overlap = state.balance.pair_overlap_end
     if state.balance.near_fold > 0.0:  # the next step looks anew, and leaves out what is straight
         state.balance.near_fold = state.balance.near_margin = 0.0
     if count == 0:
@@ -809,7 +809,7 @@ def report(address, out):
         s, t, square = nearest(segments, blunt)
         far = sqrt(square)
         gap, wide = far - chain.diameter, load(ends, LONG, p)
-        deep = depth(gap + cable.state.balance.pair_yield)
+        deep = depth(gap + cable.state.balance.pair_overlap)
         z = loaded(pair, 1, p)
         push = -chain.law[STIFFNESS] * deep
         f = combined(push / (far + TINY), between(segments, s, t), -chain.law[BRISTLE], z)
