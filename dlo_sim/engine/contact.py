@@ -396,18 +396,19 @@ def misses(contact, o, g0, g1, dy):
 
 
 @part
-def toward(contact, o, before, after, dy):
-    """n of a step dy between two `measured`, and 1 where it may have passed the obstacle."""
+def toward(contact, o, before, after, gaps, dy):
+    """n of a step dy between two `measured` with this sum of the gaps, and 1 where it may have
+    passed the obstacle.
+    """
     n, m, jumped = three(before, NORMAL), three(after, NORMAL), zero()
     if contact.core[o] == HALF_SPACE:
         return m, jumped
     way, closing = dot(dy, dy), after[DISTANCE] - before[DISTANCE]
     mean = combined(before[FAR], n, after[FAR], m)
     mean = scaled(1.0 / (before[FAR] + after[FAR]), mean)
-    far, reach = sqrt(way), contact.reach[o]
-    gaps = before[DISTANCE] + after[DISTANCE] - 2.0 * reach
+    far = sqrt(way)
     jumped = where(far - gaps, 1.0, 0.0) * where(0.5 - dot(n, m), 1.0, 0.0)
-    jumped = jumped * where(far - JUMP * reach, 1.0, 0.0)
+    jumped = jumped * where(far - JUMP * contact.reach[o], 1.0, 0.0)
     # Not across the opening of a ring, from one side to the other.
     jumped = jumped * where(-dot(n, dy), 1.0, where(dot(m, dy), 1.0, 0.0))
     return combined(1.0, mean, (closing - dot(mean, dy)) / (way + SMOOTH), dy), jumped
@@ -475,8 +476,8 @@ def add_force(cable, steps, waits, x, out):
                 if rubbed:
                     lost += 0.5 * k_t * w * release(cable, o, g)
                 continue
-            n, jumped = toward(contact, o, before, after, dy)
             g0, g1 = g0 + overlap[0], g1 + overlap[1]
+            n, jumped = toward(contact, o, before, after, g0 + g1, dy)
             lands = 1.0 - state.slides[o, g, 0]
             damped = law[STIFFNESS] * (DAMPED + (0.5 - DAMPED) * lands) if steps else zero()
             p, slope, loss = pressure(law[STIFFNESS], damped, lands, g0, g1)
