@@ -625,18 +625,16 @@ def add_line(sums, e, dim, lines, i, f):
 
 
 @part
-def spans_of(cable, block):
-    """First control point of a block (`block_of`), and how many spans it has."""
-    if block >= cable.columns:
-        return block - cable.columns - MARGIN, 1
-    return block - MARGIN, min(LANES, MARGIN + cable.n - 3 - block)
-
-
-@part
-def sum_of(cable, block, row, span):
-    """What a row of `work.contact_sums` has for a span of a block."""
+def take_sums(cable, block):
+    """First control point of a block (`block_of`), and how many spans have their own column in
+    `work.contact_sums`, where what samples of one span have is added up.
+    """
     sums = cable.work.contact_sums
-    return lane_sum(load(sums, row, 0)) if block >= cable.columns else sums[row, span]
+    if block < cable.columns:
+        return block - MARGIN, min(LANES, MARGIN + cable.n - 3 - block)
+    for row in range(sums.shape[0]):
+        sums[row, 0] = lane_sum(load(sums, row, 0))
+    return block - cable.columns - MARGIN, 1
 
 
 @part
@@ -649,8 +647,8 @@ def clear_sums(cable):
 @part
 def add_spans(cable, block, dim, band):
     """`add_block` for so many lines."""
-    first, spans = spans_of(cable, block)
-    half = 4 * dim - 1
+    sums, half = cable.work.contact_sums, 4 * dim - 1
+    first, spans = take_sums(cable, block)
     for span in range(spans):
         row = 0
         for one in range(4):
@@ -659,7 +657,7 @@ def add_spans(cable, block, dim, band):
                 for i in range(dim):
                     at, to = (first + span + one) * dim + i, (first + span + other) * dim + i
                     for c in range(dim):
-                        value = sum_of(cable, block, row, span)
+                        value = sums[row, span]
                         band[at, half - i + c + apart] += value
                         if other > one:
                             band[to, half - i + c - apart] += value

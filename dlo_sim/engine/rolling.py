@@ -50,8 +50,7 @@ from dlo_sim.engine.contact import (
     friction_at,
     push_line,
     push_samples,
-    spans_of,
-    sum_of,
+    take_sums,
     to_lines,
     trial_at,
 )
@@ -268,14 +267,14 @@ def couple(cable, o, g, impulses):
 @part
 def add_couplings(cable, block, band):
     """band -= the sums of `couple` of a block, which then has none."""
-    first, spans = spans_of(cable, block)
+    sums = cable.work.contact_sums
+    first, spans = take_sums(cable, block)
     for span in range(spans):
         row = 0
         for one in range(4):
             for other in range(one, 4):
                 for d in range(3):
-                    on_shape = sum_of(cable, block, row + d, span)
-                    on_twist = sum_of(cable, block, row + 3 + d, span)
+                    on_shape, on_twist = sums[row + d, span], sums[row + 3 + d, span]
                     i, j = first + span + one, first + span + other
                     add_coupling(i, j, d, on_shape, on_twist, band)
                     if other > one:

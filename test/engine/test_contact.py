@@ -143,6 +143,22 @@ def test_no_step_puts_energy_in(shape):
         assert step.force(step.second)[1][1] >= 0.0
 
 
+def test_what_touches_is_told_sample_by_sample():
+    """Also where as many let go as begin to touch."""
+    step, numbers = Step("box", 0.3), []
+    step.cable.obstacles[0, ACTIVE] = 0.0
+    for lowered in (3, 4, 3, None):
+        points = np.zeros((step.n, 4))
+        points[:, 0], points[:, 2] = step.greville, 0.1
+        if lowered is not None:
+            points[lowered, 2] -= 0.14
+        step.first = points
+        step.force(points)
+        numbers.append(int(step.cable.arrays.work.touched[0]))
+    assert numbers[0] == numbers[2]
+    assert len(set(numbers)) == 3
+
+
 @piece(void, int64, ARRAY_2D, ARRAY_2D, terms=CONTACT)
 def distances(address, points, out):
     y, to = grid(points), grid(out)
