@@ -146,7 +146,7 @@ def _fill_contact(arrays: CableArrays, models: Sequence[Model]) -> None:
     if not first.count:
         return
     for name in contact.fields:
-        if name not in ("first", "basis", "weight", "pairs", "begin", "end"):
+        if name not in ("first", "basis", "weight", "begin", "end"):
             setattr(contact, name, getattr(first, name))
     contact.coarse = COARSE * arrays.blocks
     pieces = contact.pieces, contact.guide_pieces

@@ -66,6 +66,10 @@ if config.DISABLE_JIT:
         """Whether any lane is above 0."""
         return bool((value > 0.0).any())
 
+    def bits_above(value: Any) -> int:
+        """A bit for every lane, 1 where it is above 0."""
+        return sum(1 << k for k in range(LANES) if value[k] > 0.0)
+
     def lane_sum(value: Any) -> Any:
         """Sum over the lanes, pairwise."""
         halves = value.reshape(4, 2).sum(axis=1).reshape(2, 2).sum(axis=1)
@@ -171,6 +175,16 @@ else:
             return builder.select(builder.fcmp_ordered(">", values[0], none), *chosen)
 
         return vector(vector, above, other), code
+
+    @intrinsic
+    def bits_above(typing: Any, value: Any) -> Any:
+        """A bit for every lane, 1 where it is above 0."""
+
+        def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            above = builder.fcmp_ordered(">", values[0], ir.Constant(VECTOR, [0.0] * LANES))
+            return builder.zext(builder.bitcast(above, ir.IntType(LANES)), ir.IntType(64))
+
+        return types.int64(value), code
 
     @intrinsic
     def any_above(typing: Any, value: Any) -> Any:

@@ -203,7 +203,6 @@ class Contact(Group):
     basis = Lanes("groups", 4)  # basis functions
     slope = Lanes("groups", 4)  # their derivatives by the local coordinate
     weight = Lanes("groups")  # [m], 0 where there is no sample
-    pairs = Lanes("fine_groups", groups.LANES, 2)  # products of two, in order, of each sample
     core = Wholes("obstacles")  # HALF_SPACE, BOX, CYLINDER, TUBE or MESH
     half = Reals("obstacles", 3)  # size of the core along its axes
     reach = Reals("obstacles")  # by which the core is grown [m]
@@ -295,13 +294,13 @@ class State(Group):
         "contact_carried",  # by how much obstacles move in this step [m]
         "extrapolated_share",  # of the second difference that `implicit.predict` extrapolates
         "stopped",  # 1 if the last step had impulses of contact
-        "yields",  # 1 if an obstacle has yielded to a sample
+        "decaying",  # 1 if overlap of a sample with an obstacle decays
         "contact_deep",  # samples and steps near the middle of an obstacle
         "pairs",  # of segments that may touch in a step (`self_contact`)
         "pairs_lost",  # for which there was no room in accepted steps
         "crossed",  # steps in which the cable passed through itself
-        "pair_yield",  # by which the cable touches itself with a smaller diameter [m]
-        "pair_yield_end",  # this at the end of the step
+        "pair_overlap",  # by which the cable touches itself with a smaller diameter [m]
+        "pair_overlap_end",  # this at the end of the step
         "overlap",  # by which strands overlapped when the run began [m]
         "near_spans",  # pairs of spans in `near_pair`
         "near_margin",  # by which control points may move until these are found anew [m]
@@ -314,15 +313,15 @@ class State(Group):
     plastic = Lanes("plastic_blocks", "samples", 9)  # curvature; tangent, curvature before
     pose = Reals("obstacles", 36)  # at the start, the middle and the end of a step (`contact`)
     deepest = Reals("obstacles")  # that it pressed the cable in, so far [m]
-    # Force per length of the impulses of the last step (`contact.look_at_stops`), by line [N/m].
+    # Force per length of the impulses of contact in the last step, by line [N/m].
     stopped = Lanes("obstacles", "groups", 3)
     slides = Lanes("obstacles", "groups", 1)  # 1 where a sample slides, 0 where it lands or rests
     near_count = Reals("obstacles")
     near = Reals("obstacles", "groups")  # so many groups of samples that may touch the obstacle
     bristle = Lanes("obstacles", "groups", 3)  # friction that sticks, in its frame [m]
-    # By how much less an obstacle reaches to a sample at the start and end of a step [m], and how
-    # deep the sample was in it, without that, at the start of the last one.
-    yielded = Lanes("obstacles", "groups", 3)
+    # Overlap that decays: by how much less an obstacle reaches to a sample at the start and end of
+    # a step [m]; and how deep the sample was in it, without that, at the start of the last one.
+    overlap = Lanes("obstacles", "groups", 3)
     near_pair = Reals("near_pairs")  # spans a <= b that may touch: a times spans plus b
     pair = Reals(4, "pairs")  # segments that may touch (`self_contact.key_of`), bristle [m]
 
@@ -349,10 +348,9 @@ class Work(Group):
         "forces_known",  # 1 while `force` is that of the present state, for explicit methods
         "power",  # of the grasps at the present state [W] (`methods.runge_kutta`)
         "coupled",  # where the factors of the step are: IN_STATE, IN_SKYLINE or IN_ROLLING_BAND
-        "touched",  # changes with what touches and slides, at the last forces (`contact.add_force`)
-        "yielded",  # `balance.yields` at the start of the step
-        *("contact_work", "contact_loss"),  # of the step [J] (`contact.look`)
-        *("contact_sane", "contact_deep"),  # 1: nothing passed through; samples near a middle
+        "decaying",  # that of the balance at the start of the step
+        *("contact_work", "contact_loss"),  # of the last forces [J] (`contact.add_force`)
+        *("contact_jumps", "contact_deep"),  # samples that passed an obstacle, or near its middle
         "twist_step",  # for which the matrix of the twist is factorised [s], 0: for none
         "twist_open",  # 1 if the twist of a cable that rolls has not converged
         "pair_loss",  # of the last `self_contact.add_force` [J]
@@ -404,14 +402,12 @@ class Work(Group):
     border_spare = Reals("unknowns")
     border_value = Reals("bordered")
     trial = Lanes("obstacles", "groups", 3)  # bristles at the end of the step
-    stops = Lanes("obstacles", "groups", 5)  # `contact.begin_stops`
+    impulses = Lanes("obstacles", "groups", 17)  # `contact.UNIT` to KNOWN
     looked = Reals(13, groups.LANES)  # distances, then places (`engine.distance_field`)
     measured = Lanes("obstacles", "groups", 2, 17)  # where samples are (`contact.measure`)
-    measured_known = Reals("obstacles", "groups", 2)  # `contact.UNKNOWN` to OF_STEP
+    touch = Lanes("obstacles", "groups", 12)  # `contact.PRESSURE` to LEVER, of the last forces
+    touched = Wholes(1)  # tells which samples touch and slide (`contact.add_force`)
     contact_sums = Reals(90, groups.LANES)  # derivatives between the control points of a span
-    contact_values = Reals(9, groups.LANES)  # derivatives of the forces on samples
-    pair_sums = Reals(9, 2 * groups.LANES)
-    rolling = Lanes("rolling_obstacles", "groups", 10)  # `contact.FREE` to LEAN
     rolling_band = Reals("rolling_unknowns", 32)  # factors with the twist (`engine.rolling`)
     rolling_side = Reals("rolling_padded")
     # contact of the cable with itself (`engine.self_contact`)
@@ -421,7 +417,7 @@ class Work(Group):
     corner_push = Reals("corner_rows", "chain_spans")  # forces there
     beside = Reals("chain_blocks")  # 1 where a block has a segment of a pair
     pair_ends = Reals(27, "pairs")  # `self_contact.gather`
-    pair_law = Reals(19, "pairs")  # of the last `self_contact.add_force`
+    pair_law = Reals(25, "pairs")  # of the last `self_contact.add_force`
     pair_force = Reals(12, "pairs")  # on both ends of both segments
     pair_trial = Reals(3, "pairs")  # bristles at the end of the step
     pair_side = Reals(12, 24)  # `self_contact.couple`

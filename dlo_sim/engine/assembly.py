@@ -70,9 +70,9 @@ def all_forces(cable, x, out):
     pressure.force(cable, x, x, out)
     buoyancy.force(cable, x, x, out)
     bishop.force(cable, x, x, out)
-    contact.add_elastic_force(cable, x, out)
+    contact.add_force(cable, NO, NO, x, out)
     sliding.slide_force(cable, x, out)
-    self_contact.add_elastic_force(cable, x, out)
+    self_contact.add_force(cable, 0.0, x, out)
 
 
 @piece(void, CABLE, LINES, VECTOR)

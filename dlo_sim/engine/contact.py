@@ -17,19 +17,11 @@ neighbouring samples of one span for bodies, which need many of little.
     the discrete gradient of the gap, n = m + (g1 - g0 - m.dy) dy / |dy|^2 with
 m = (f0 n0 + f1 n1) / (f0 + f1), so that n.dy = g1 - g0, with the distances f from the centre of
 curvature: the last part vanishes on faces, spheres and cylinders, and where dy is round-off;
-    the pressure p = max(0, p_el - c k s (g1 - g0) - l/2 (1 - s) k depth1), with the share s of the
-way that is inside, the divided difference p_el = - k s (depth0 + depth1) / 2 of the energy
-k/2 depth^2, depth < 0, and c = l/2 + DAMPED (1 - l). Where a sample lands or rests, l = 1 and
-p = - k depth1: contact may be as stiff as it likes, as what a step leaves over does not swing back.
-Where it slid in the step before, l is nearly 0 (`slides_along`): pressures at the ends of steps
-would lag behind the places of contact and brake the cable;
-    friction f = - min(1, mu p / |T|) T, T = k_t (P z0 + P dy), P normal to n, with the bristle z,
-an elastic displacement along the surface in the frame of the obstacle: it ends as z1 = - f / k_t,
-or zero where nothing touches. Its energy is k_t/2 z^2.
+    the pressure p and the friction f of `engine.contact_law`, with the damping c = l/2 + DAMPED
+(1 - l) and the share l of landing: 1 where a sample lands or rests, nearly 0 where it slid in the
+step before (`slides_along`). The bristle z is in the frame of the obstacle, undamped.
 The force on the cable per length is F = R_middle (p n + f). The obstacle does the work
-F.(r1 - r0) - (p n + f).dy, and the loss is
-    (p - p_el) (g0 - g1) + k_t/2 |z1 - P z0|^2 + k_t/2 (|z0|^2 - |P z0|^2) - f.(P z0 + P dy - z1);
-no part of it is negative.
+F.(r1 - r0) - (p n + f).dy.
 
 **Landing.** A step of the midpoint family that stops a sample at a surface within its length leaves
 it any velocity between those of coming and going, v1 = 2 (r1 - r0) / tau - v0, which depends on
@@ -46,12 +38,12 @@ the tangent t. Friction then sees dy - phi l in place of dy, and turns the cable
 the moment - l.f per length (`engine.rolling`). Without that, friction acts on the axis. The moment
 of friction along the cable, which bends it, is left out.
 
-**Jumps.** An obstacle that jumps into the cable would fling it out. It yields instead: at first its
-reach becomes less by the same length for all samples, the largest by which one is pressed in more
-than before (`simulation.obstacles.give_way`). Then the reach to each sample grows back at up to
-RETURN, as fast as the cable gives way. Where it does not, being held or pushed out of two opposite
-sides, it grows slowly, and waits at last; its force is bounded. The gap then changes by n.dy and
-the growth, whose work p times growth is that of the obstacle.
+**Overlap that decays.** An obstacle that jumps into the cable would fling it out. Instead its reach
+becomes less at first by the same length for all samples, the largest by which one is pressed in
+more than before (`simulation.obstacles.let_overlap`), and the reach to each sample grows back at up
+to RETURN, as fast as the cable comes out. Where it does not come, being held or pushed out of two
+opposite sides, the reach grows slowly, and waits at last; its force is bounded. The gap then
+changes by n.dy and the growth, whose work p times growth is that of the obstacle.
 
 **Broad phase.** Groups of samples near an obstacle are found for many steps at once: until cable
 and obstacles have moved by `balance.contact_margin`.
@@ -65,44 +57,70 @@ import numpy as np
 from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import grid, load, store
-from dlo_sim.compiling.lanes import LANES, any_above, fabs, lane, lane_sum, sqrt, where, zero
-from dlo_sim.compiling.pieces import ARRAY_2D, NO, YES, part, piece
+from dlo_sim.compiling.lanes import (
+    LANES,
+    any_above,
+    bits_above,
+    fabs,
+    lane,
+    lane_sum,
+    sqrt,
+    where,
+    zero,
+)
+from dlo_sim.compiling.pieces import ARRAY_2D, part, piece
 from dlo_sim.engine.arrays import (
-    BOXED,
     CABLE,
     CONTACT,
     LINES,
     MARGIN,
-    MESHED,
     ROLLING,
-    ROUND,
     TOUCHING,
-    TUBED,
     VECTOR,
     cable_at,
 )
-from dlo_sim.engine.distance_field import field_distance
+from dlo_sim.engine.contact_law import (
+    TINY,
+    friction,
+    friction_jacobian,
+    held_share,
+    pressure,
+    scaled,
+    with_product,
+)
 from dlo_sim.engine.grasps import POSITION, component, elapsed, moves, turned
+from dlo_sim.engine.shapes import (
+    BEND,
+    DISTANCE,
+    FAR,
+    HALF_SPACE,
+    NORMAL,
+    PLACE,
+    POINT,
+    SIZE,
+    set_distance,
+    three,
+)
 from dlo_sim.terms.one_sided import depth
 from dlo_sim.terms.vectors import combined, cross, dot
 
-HALF_SPACE, BOX, CYLINDER, TUBE, MESH = range(5)  # kinds of cores
 START, MIDDLE, END = 0, 12, 24  # entries of a pose: R by rows (9), c (3)
 BEGUN, ENDED = 0, 1  # of `work.measured`: at the start and the end of a step
-UNKNOWN, KNOWN, OF_STEP = 0.0, 1.0, 2.0  # whether that is of the obstacles, and of this step
-# Entries there of a group of samples: points of the cable, their places in the frame of an
-# obstacle, and what `keep` sets.
-POINT, PLACE, DISTANCE, NORMAL, FAR, BEND, SIZE = 0, 3, 6, 7, 10, 11, 17
 STIFFNESS, BRISTLE, FRICTION = range(3)  # entries of the law of an obstacle: k, k_t, mu
-# Entries of `work.rolling` of a sample: T without the spin in this step (3), l (3), mu p, and its
-# derivative by y1 (3).
-FREE, LEVER, LIMIT, LEAN = 0, 3, 6, 7
+# Entries of `work.touch` of a sample, of the last forces: p, dp/dg1, p / (f0 + f1), n (3), the
+# trial force of friction (3), without the spin of the cable in this step, and the lever l (3).
+PRESSURE, SLOPE, TURN, TOWARD, TRIAL, LEVER = 0, 1, 2, 3, 6, 9
+# Entries of `work.impulses` of a sample at the end of a step, in the frame of the obstacle: normal
+# (3); impulses of pressure and friction (3) in the step, per length; velocity of the obstacle, by
+# line (3); that after contact along the normal; rate at which the obstacle turns about the cable;
+# whether friction holds, 1 or 0; where it slides, its impulse less that of the step (3); what is
+# known of the impulse of the pressure, less that of the step.
+UNIT, PUSHED, RUBBED, CARRIED, BOUNCE, TURNS, STICKS, SLID, KNOWN = 0, 3, 4, 7, 10, 11, 12, 13, 16
 
-TINY = 1e-30
 SMOOTH = 1e-18  # [m^2], of a motion of 1e-9 m, below which n needs no directional part
 JUMP = 0.05  # share of the reach that a step may move past an obstacle without a look at normals
-RETURN = 0.2  # [m/s], at which an obstacle that has yielded pushes the cable out
-# An obstacle that has yielded to a sample grows back by up to FOLLOWED times as much in a step as
+RETURN = 0.2  # [m/s], at which overlap with an obstacle decays
+# Overlap of a sample with an obstacle decays by up to FOLLOWED times as much in a step as
 # the sample came out in the last one; where it does not, being held, until the pressure is that of
 # so many weights of the cable on EARTH, after RISE [s], as a sudden push would lever it out.
 FOLLOWED, PRESSED, RISE, EARTH = 2.0, 150.0, 0.15, 9.81
@@ -141,11 +159,11 @@ def set_pose(cable, o, at, t):
 
 
 @part
-def settle_yielding(cable, o, at):
-    """What an obstacle yields at the start (0) or end (1) of a step is that of the whole step."""
+def settle_overlap(cable, o, at):
+    """The overlap at the start (0) or end (1) of a step is that of the whole step."""
     for k in range(int(cable.state.near_count[o])):
-        yielded = cable.state.yielded[o, int(cable.state.near[o, k])]
-        yielded[1 - at] = yielded[at]
+        overlap = cable.state.overlap[o, int(cable.state.near[o, k])]
+        overlap[1 - at] = overlap[at]
 
 
 @part
@@ -159,7 +177,7 @@ def settle_pose(pose, at):
 
 
 @part
-def see_all(cable):
+def let_all_be_near(cable):
     """Let all groups of samples be near all obstacles until a step begins."""
     contact, state = cable.contact, cable.state
     state.balance.contact_margin = 0.0
@@ -172,8 +190,8 @@ def see_all(cable):
 
 @piece(void, int64, terms=CONTACT)
 def look_everywhere(address):
-    """`see_all`."""
-    see_all(cable_at(address))
+    """`let_all_be_near`."""
+    let_all_be_near(cable_at(address))
 
 
 @piece(void, int64, float64, terms=CONTACT)
@@ -183,7 +201,7 @@ def place_obstacles(address, t):
     for o in range(cable.contact.count):
         set_pose(cable, o, END, t)
         settle_pose(cable.state.pose[o], END)
-    see_all(cable)
+    let_all_be_near(cable)
 
 
 @part
@@ -236,62 +254,43 @@ def to_lines(pose, at, v):
 
 
 @part
-def scaled(f, v):
-    """f v."""
-    return f * v[0], f * v[1], f * v[2]
-
-
-@part
-def sign(a):
-    """1 where a > 0, else -1."""
-    return where(a, 1.0, -1.0)
+def from_body(pose, at, y):
+    """R y + c."""
+    return combined(1.0, to_lines(pose, at, y), 1.0, (pose[at + 9], pose[at + 10], pose[at + 11]))
 
 
 # -- samples of the cable ------------------------------------------------------------------------
 
 
 @part
-def sample_at(cable, x, g):
-    """Points of the curve at the samples of a group."""
-    return weighted(cable, x, g, cable.contact.basis[g])
+def line_of(cable, x, line, g, e):
+    """Sum of one line of the control points of the spans of a group with weights e (4)."""
+    at, value = cable.contact.first[g], zero()
+    for k in range(4):
+        if g < cable.contact.coarse:
+            value += e[k] * load(x, line, at + k)
+        else:
+            value += e[k] * x[line, at + k]
+    return value
+
+
+@part
+def line_at(cable, x, g, line):
+    """One line of x at the samples of a group."""
+    return line_of(cable, x, line, g, cable.contact.basis[g])
 
 
 @part
 def weighted(cable, x, g, e):
     """Sums of the control points of the spans of a group with weights e (4)."""
-    at, c = cable.contact.first[g], zero()
-    if g < cable.contact.coarse:
-        a = e[0] * load(x, 0, at) + e[1] * load(x, 0, at + 1)
-        a += e[2] * load(x, 0, at + 2) + e[3] * load(x, 0, at + 3)
-        b = e[0] * load(x, 1, at) + e[1] * load(x, 1, at + 1)
-        b += e[2] * load(x, 1, at + 2) + e[3] * load(x, 1, at + 3)
-        if cable.dim == 3:
-            c = e[0] * load(x, 2, at) + e[1] * load(x, 2, at + 1)
-            c += e[2] * load(x, 2, at + 2) + e[3] * load(x, 2, at + 3)
-    else:
-        a = e[0] * x[0, at] + e[1] * x[0, at + 1] + (e[2] * x[0, at + 2] + e[3] * x[0, at + 3])
-        b = e[0] * x[1, at] + e[1] * x[1, at + 1] + (e[2] * x[1, at + 2] + e[3] * x[1, at + 3])
-        if cable.dim == 3:
-            c = e[0] * x[2, at] + e[1] * x[2, at + 1] + (e[2] * x[2, at + 2] + e[3] * x[2, at + 3])
-    return a, b, c
+    third = line_of(cable, x, 2, g, e) if cable.dim == 3 else zero()
+    return line_of(cable, x, 0, g, e), line_of(cable, x, 1, g, e), third
 
 
 @part
-def push_samples(cable, g, f, out):
-    """out += forces on the samples of a group."""
-    e, at = cable.contact.basis[g], cable.contact.first[g]
-    if g < cable.contact.coarse:
-        for k in range(4):
-            store(out, 0, at + k, load(out, 0, at + k) + e[k] * f[0])
-            store(out, 1, at + k, load(out, 1, at + k) + e[k] * f[1])
-            if cable.dim == 3:
-                store(out, 2, at + k, load(out, 2, at + k) + e[k] * f[2])
-    else:
-        for k in range(4):
-            out[0, at + k] += lane_sum(e[k] * f[0])
-            out[1, at + k] += lane_sum(e[k] * f[1])
-            if cable.dim == 3:
-                out[2, at + k] += lane_sum(e[k] * f[2])
+def sample_at(cable, x, g):
+    """Points of the curve at the samples of a group."""
+    return weighted(cable, x, g, cable.contact.basis[g])
 
 
 @part
@@ -306,39 +305,46 @@ def push_line(cable, g, line, f, out):
 
 
 @part
-def vector_of(z):
-    """Three entries of lanes."""
-    return z[0], z[1], z[2]
+def push_samples(cable, g, f, out):
+    """out += forces on the samples of a group."""
+    push_line(cable, g, 0, f[0], out)
+    push_line(cable, g, 1, f[1], out)
+    if cable.dim == 3:
+        push_line(cable, g, 2, f[2], out)
 
 
 @part
-def drop(cable, o, g):
-    """Let the samples of a group, none of which touches, lose their bristles; returns |z|^2."""
-    z, ends = vector_of(cable.state.bristle[o, g]), cable.work.trial[o, g]
-    ends[0] = zero()
-    ends[1] = zero()
-    ends[2] = zero()
-    return dot(z, z)
+def put(kept, at, v):
+    """Set three successive entries of lanes."""
+    kept[at], kept[at + 1], kept[at + 2] = v
 
 
 @part
-def line_at(cable, x, g, line):
-    """One line of x at the samples of a group."""
-    e, at, value = cable.contact.basis[g], cable.contact.first[g], zero()
-    for k in range(4):
-        if g < cable.contact.coarse:
-            value += e[k] * load(x, line, at + k)
-        else:
-            value += e[k] * x[line, at + k]
-    return value
-
-
-@part
-def spin(cable, g, x0, x1):
-    """By which angles the cable turns about its axis from x0 to x1 at the samples of a group, in
-    the frame that follows its tangent by the smallest rotation.
+def same_place(kept, y):
+    """Whether `work.measured` of a group is known, and that of its places y; not if a place is not
+    finite.
     """
-    return line_at(cable, x1, g, cable.dim) - line_at(cable, x0, g, cable.dim)
+    a, b, c = kept[PLACE] - y[0], kept[PLACE + 1] - y[1], kept[PLACE + 2] - y[2]
+    return lane_sum(fabs(a) + fabs(b) + fabs(c)) == 0.0 and any_above(kept[FAR])
+
+
+@piece(void, CABLE, int64, int64, int64, LINES, terms=CONTACT)
+def measure(cable, o, g, when, x):
+    """Set `work.measured[o, g, when]` to the points on x of the samples of a group, their places in
+    the frame of an obstacle, and the distance of these; `when`: BEGUN for its pose at the start of
+    the step, or ENDED. What is known of these places is not computed again.
+    """
+    kept, ended = cable.work.measured[o, g, when], cable.work.measured[o, g, ENDED]
+    r = sample_at(cable, x, g)
+    y = to_body(cable.state.pose[o], START if when == BEGUN else END, r)
+    put(kept, POINT, r)
+    if same_place(kept, y):
+        return
+    if when == BEGUN and same_place(ended, y):
+        for k in range(PLACE, SIZE):
+            kept[k] = ended[k]
+    else:
+        set_distance(cable, o, g, when, y)
 
 
 @part
@@ -357,187 +363,27 @@ def obstacle_turn(pose):
 
 
 @part
-def rolled(cable, o, g, x0, x1, n):
-    """The angle phi by which the cable turns about its axis relative to an obstacle, and the lever
-    l (`engine.contact`), at the mean tangent of the step.
+def rolled(cable, o, g, x, n):
+    """The angle phi by which the cable turns about its axis relative to an obstacle in a step to x,
+    and the lever l, at the mean tangent of the step.
     """
     pose, slope = cable.state.pose[o], cable.contact.slope[g]
-    t0 = turned_back(pose, START, weighted(cable, x0, g, slope))
-    t1 = turned_back(pose, END, weighted(cable, x1, g, slope))
+    t0 = turned_back(pose, START, weighted(cable, cable.work.start, g, slope))
+    t1 = turned_back(pose, END, weighted(cable, x, g, slope))
     t = combined(1.0, t0, 1.0, t1)
     inverse = 1.0 / (sqrt(dot(t, t)) + TINY)
     size = cable.contact.radius * inverse / (sqrt(dot(n, n)) + TINY)
-    phi = spin(cable, g, x0, x1) - inverse * dot(obstacle_turn(pose), t)
-    return phi, scaled(size, cross(t, n))
+    own = line_at(cable, cable.work.change, g, cable.dim)
+    return own - inverse * dot(obstacle_turn(pose), t), scaled(size, cross(t, n))
 
 
-# -- distances from obstacles --------------------------------------------------------------------
-
-
-@part
-def three(kept, at):
-    """Three successive entries of lanes."""
-    return kept[at], kept[at + 1], kept[at + 2]
+# -- forces, energy, Jacobian --------------------------------------------------------------------
 
 
 @part
-def keep(kept, d, n, f, bend):
-    """Set entries of `work.measured`: signed distance d from the core, its gradient n, the distance
-    f from the centre of curvature, and f n' + n n^T as xx, yy, zz, xy, xz, yz.
-    """
-    kept[DISTANCE], kept[FAR] = d, f
-    kept[NORMAL], kept[NORMAL + 1], kept[NORMAL + 2] = n
-    kept[BEND], kept[BEND + 1], kept[BEND + 2] = bend[0], bend[1], bend[2]
-    kept[BEND + 3], kept[BEND + 4], kept[BEND + 5] = bend[3], bend[4], bend[5]
-
-
-@part
-def measured(kept):
-    """What `keep` has set: d, n, f, bend."""
-    bend = kept[BEND], kept[BEND + 1], kept[BEND + 2], kept[BEND + 3], kept[BEND + 4]
-    return kept[DISTANCE], three(kept, NORMAL), kept[FAR], (*bend, kept[BEND + 5])
-
-
-@part
-def same_place(kept, y):
-    """Whether `work.measured` of a group is that of its places y."""
-    a, b, c = kept[PLACE] - y[0], kept[PLACE + 1] - y[1], kept[PLACE + 2] - y[2]
-    return lane_sum(fabs(a) + fabs(b) + fabs(c)) == 0.0  # not if a place is not finite
-
-
-@piece(void, CABLE, int64, int64, int64, terms=BOXED)
-def box_distance(cable, o, g, when):
-    """`measure` for a box."""
-    kept, h = cable.work.measured[o, g, when], cable.contact.half[o]
-    y = three(kept, PLACE)
-    a, b, c = fabs(y[0]) - h[0], fabs(y[1]) - h[1], fabs(y[2]) - h[2]
-    u, v, w = where(a, a, 0.0), where(b, b, 0.0), where(c, c, 0.0)
-    far = sqrt(u * u + v * v + w * w)
-    inverse = 1.0 / (far + TINY)
-    first = where(a - b, 1.0, 0.0) * where(a - c, 1.0, 0.0)  # inside: the nearest face
-    second = (1.0 - first) * where(b - c, 1.0, 0.0)
-    third = 1.0 - first - second
-    inside = first * a + second * b + third * c
-    n = (
-        where(far, u * inverse, first) * sign(y[0]),
-        where(far, v * inverse, second) * sign(y[1]),
-        where(far, w * inverse, third) * sign(y[2]),
-    )
-    d = where(far, far, inside)
-    bend = (
-        where(far, where(a, 1.0, 0.0), first),
-        where(far, where(b, 1.0, 0.0), second),
-        where(far, where(c, 1.0, 0.0), third),
-        zero(),
-        zero(),
-        zero(),
-    )
-    keep(kept, d, n, fabs(d) + TINY, bend)
-
-
-@piece(void, CABLE, int64, int64, int64, terms=ROUND)
-def cylinder_distance(cable, o, g, when):
-    """`measure` for a cylinder about z: a box in the coordinates rho and z."""
-    kept, h = cable.work.measured[o, g, when], cable.contact.half[o]
-    y = three(kept, PLACE)
-    rho = sqrt(y[0] * y[0] + y[1] * y[1])
-    ex, ey = y[0] / (rho + TINY), y[1] / (rho + TINY)
-    a, c = rho - h[0], fabs(y[2]) - h[2]
-    u, w = where(a, a, 0.0), where(c, c, 0.0)
-    far = sqrt(u * u + w * w)
-    side = where(a - c, 1.0, 0.0)  # inside: the nearest face
-    radial = where(far, u / (far + TINY), side)
-    n = radial * ex, radial * ey, where(far, w / (far + TINY), 1.0 - side) * sign(y[2])
-    d = where(far, far, where(a - c, a, c))
-    lateral = where(radial, where(c, where(far, 0.0, 1.0), 1.0), 0.0)
-    f = where(lateral, rho, fabs(d)) + TINY
-    # Along the rim the surface curves by 1 / rho: u / rho instead of 1 in f n' + n n^T.
-    less = where(lateral, 0.0, where(radial, 1.0 - u / (rho + TINY), 0.0))
-    on_side, on_cap = where(radial, 1.0, 0.0), where(lateral, 0.0, 1.0)
-    xx, yy = on_side - less * ey * ey, on_side - less * ex * ex
-    keep(kept, d, n, f, (xx, yy, on_cap, less * ex * ey, zero(), zero()))
-
-
-@piece(void, CABLE, int64, int64, int64, terms=TUBED)
-def tube_distance(cable, o, g, when):
-    """`measure` for a tube about z, open at both ends: a segment along z in the coordinates rho and
-    z. The distance from the middle of its wall, so that d > 0 on both sides.
-    """
-    kept, h = cable.work.measured[o, g, when], cable.contact.half[o]
-    y = three(kept, PLACE)
-    rho = sqrt(y[0] * y[0] + y[1] * y[1])
-    ex, ey = y[0] / (rho + TINY), y[1] / (rho + TINY)
-    u, c = rho - h[0], fabs(y[2]) - h[2]
-    w = where(c, c, 0.0)
-    d = sqrt(u * u + w * w)
-    radial = where(d, u / (d + TINY), 1.0)
-    n = radial * ex, radial * ey, where(d, w / (d + TINY), 0.0) * sign(y[2])
-    # The wall curves by 1 / rho about the axis; at the rims also by 1 / d across it.
-    wall = where(-c, 1.0 if h[2] > 0.0 else 0.0, 0.0)
-    f = where(wall, rho, d) + TINY
-    round_ = where(wall, sign(u), u / (rho + TINY))
-    xx, yy = ex * ex + round_ * ey * ey, ey * ey + round_ * ex * ex
-    keep(kept, d, n, f, (xx, yy, 1.0 - wall, (1.0 - round_) * ex * ey, zero(), zero()))
-
-
-@piece(void, CABLE, int64, int64, int64, terms=MESHED)
-def mesh_distance(cable, o, g, when):
-    """`measure` for a mesh, with a distance of 1 m from the centre of curvature."""
-    kept = cable.work.measured[o, g, when]
-    d, n, (xx, yy, zz, xy, xz, yz) = field_distance(cable, o, three(kept, PLACE))
-    xx, yy, zz = xx + n[0] * n[0], yy + n[1] * n[1], zz + n[2] * n[2]
-    xy, xz, yz = xy + n[0] * n[1], xz + n[0] * n[2], yz + n[1] * n[2]
-    keep(kept, d, n, zero() + 1.0, (xx, yy, zz, xy, xz, yz))
-
-
-@part
-def set_distance(cable, o, g, when, y):
-    """`keep` the distance of the samples of a group at places y in the frame of an obstacle."""
-    core, kept = cable.contact.core[o], cable.work.measured[o, g, when]
-    kept[PLACE], kept[PLACE + 1], kept[PLACE + 2] = y
-    if core == HALF_SPACE:
-        one, none = zero() + 1.0, zero()
-        keep(kept, y[2], (none, none, one), one, (none, none, one, none, none, none))
-    elif core == BOX:
-        box_distance(cable, o, g, when)
-    elif core == CYLINDER:
-        cylinder_distance(cable, o, g, when)
-    elif core == TUBE:
-        tube_distance(cable, o, g, when)
-    else:
-        mesh_distance(cable, o, g, when)
-
-
-@piece(void, CABLE, int64, int64, int64, LINES, terms=CONTACT)
-def measure(cable, o, g, when, x):
-    """Set `work.measured[o, g, when]` to the points on x of the samples of a group, their places in
-    the frame of an obstacle, and the distance of these (`keep`); `when`: BEGUN for its pose at the
-    start of the step, or ENDED. What is known of these places is not computed again; other
-    obstacles come with other working memory, where nothing is known.
-    """
-    kept, known = cable.work.measured[o, g, when], cable.work.measured_known[o, g]
-    r = sample_at(cable, x, g)
-    y = to_body(cable.state.pose[o], START if when == BEGUN else END, r)
-    kept[POINT], kept[POINT + 1], kept[POINT + 2] = r
-    before, known[when] = known[when], OF_STEP if when == BEGUN else KNOWN
-    if before != UNKNOWN and same_place(kept, y):
-        return
-    ended = cable.work.measured[o, g, ENDED]
-    if when == BEGUN and known[ENDED] != UNKNOWN and same_place(ended, y):
-        for k in range(PLACE, SIZE):
-            kept[k] = ended[k]
-    else:
-        set_distance(cable, o, g, when, y)
-
-
-# -- the law of one sample -----------------------------------------------------------------------
-
-
-@part
-def misses(contact, o, here, there, dy):
-    """Whether no lane touches or passes an obstacle in a step dy between two `measured`: it is
-    outside before and after, and moves by no more than both gaps; false for a half space, where
-    nothing is saved.
+def misses(contact, o, g0, g1, dy):
+    """Whether no lane touches or passes an obstacle in a step dy: it is outside before and after,
+    and moves by no more than both gaps; false for a half space, where nothing is saved.
 
     That bounds the way of a field whose slope is at most 1. The spline of a mesh overshoots where a
     wall is thinner than two cells, with slopes up to 1.33 at one of 1.2 cells: there a step may
@@ -545,198 +391,135 @@ def misses(contact, o, here, there, dy):
     """
     if contact.core[o] == HALF_SPACE:
         return False
-    g0, g1 = here[0] - contact.reach[o], there[0] - contact.reach[o]
     room = (g0 + g1) * (g0 + g1) - dot(dy, dy)
-    return lane_sum(where(g0, where(g1, where(room, 0.0, 1.0), 1.0), 1.0)) == 0.0
+    return not any_above(1.0 - where(g0, where(g1, where(room, 1.0, 0.0), 0.0), 0.0))
 
 
 @part
-def pressed(k, c, lands, g0, g1):
-    """p_el, p and dp/dg1 for gaps before and after, with the damping c and the share of l."""
-    deep, inverse = depth(g0) + depth(g1), 1.0 / (fabs(g0) + fabs(g1) + TINY)
-    share = -deep * inverse
-    elastic = -0.5 * k * deep * share
-    p = elastic - c * k * share * (g1 - g0)
-    up = sign(g1)
-    slope = -0.5 * k * share * (1.0 - up + share * up) - c * k * share
-    slope += c * k * (g1 - g0) * inverse * (0.5 * (1.0 - up) + share * up)
-    far = where(g0, 0.5 * k * lands * (1.0 - share), 0.0)
-    p, slope = p - far * depth(g1), slope - where(g1, 0.0, far * (1.0 - share))
-    return elastic, where(p, p, 0.0), where(p, slope, 0.0)
-
-
-@part
-def pressure(cable, o, g, steps, here, there, dy):
-    """Gaps before and after, n, loss, p, dp/dg1, f0 + f1, 1 where the step may have passed through
-    the obstacle, and 1 near its middle, for a step dy between two `measured`; not `steps`: at its
-    end, with half the derivative, as of one of two configurations that are the same.
+def toward(contact, o, before, after, gaps, dy):
+    """n of a step dy between two `measured` with this sum of the gaps, and 1 where it may have
+    passed the obstacle.
     """
-    contact, yielded = cable.contact, cable.state.yielded[o, g]
-    law, reach, both = contact.law[o], contact.reach[o], here[2] + there[2]
-    g0 = here[0] - (reach - (yielded[0] if steps else yielded[1]))
-    g1 = there[0] - (reach - yielded[1])
-    n, jumped = there[1], zero()
-    if contact.core[o] != HALF_SPACE:
-        way = dot(dy, dy)
-        n = scaled(1.0 / both, combined(here[2], here[1], there[2], there[1]))
-        n = combined(1.0, n, ((there[0] - here[0]) - dot(n, dy)) / (way + SMOOTH), dy)
-        far = sqrt(way)
-        jumped = where(far - (g0 + g1), 1.0, 0.0) * where(0.5 - dot(here[1], there[1]), 1.0, 0.0)
-        jumped = jumped * where(far - JUMP * reach, 1.0, 0.0)
-        # Not across the opening of a ring, from one side to the other.
-        jumped = jumped * where(-dot(here[1], dy), 1.0, where(dot(there[1], dy), 1.0, 0.0))
-    lands = 1.0 - cable.state.slides[o, g, 0] if steps else zero()
-    damped = (DAMPED if steps else 0.0) + (0.5 - DAMPED) * lands
-    elastic, p, slope = pressed(law[STIFFNESS], damped, lands, g0, g1)
-    loss = (p - elastic) * (g0 - g1)
-    return (g0, g1), n, loss, p, slope, both, jumped, where(-g1 - contact.middle[o], 1.0, 0.0)
-
-
-@part
-def keep_for_twist(cable, o, g, free, lever, limit, lean):
-    """Let the friction of the samples of a group wait for the twist (`engine.rolling`)."""
-    kept = cable.work.rolling[o, g]
-    kept[FREE], kept[FREE + 1], kept[FREE + 2] = free
-    kept[LEVER], kept[LEVER + 1], kept[LEVER + 2] = lever
-    kept[LIMIT] = limit
-    kept[LEAN], kept[LEAN + 1], kept[LEAN + 2] = lean
-
-
-@part
-def rolling_trial(cable, o, g, change):
-    """T of the samples of a group that roll, for a `change`."""
-    kept, angle = cable.work.rolling[o, g], line_at(cable, change, g, cable.dim)
-    stiff = cable.contact.law[o, BRISTLE]
-    return combined(1.0, three(kept, FREE), -stiff * angle, three(kept, LEVER))
-
-
-@part
-def along(n, inverse, v):
-    """P v = v - n (n . v) / |n|^2; `inverse`: 1 / |n|^2."""
-    return combined(1.0, v, -dot(n, v) * inverse, n)
+    n, m, jumped = three(before, NORMAL), three(after, NORMAL), zero()
+    if contact.core[o] == HALF_SPACE:
+        return m, jumped
+    way, closing = dot(dy, dy), after[DISTANCE] - before[DISTANCE]
+    mean = combined(before[FAR], n, after[FAR], m)
+    mean = scaled(1.0 / (before[FAR] + after[FAR]), mean)
+    far = sqrt(way)
+    jumped = where(far - gaps, 1.0, 0.0) * where(0.5 - dot(n, m), 1.0, 0.0)
+    jumped = jumped * where(far - JUMP * contact.reach[o], 1.0, 0.0)
+    # Not across the opening of a ring, from one side to the other.
+    jumped = jumped * where(-dot(n, dy), 1.0, where(dot(m, dy), 1.0, 0.0))
+    return combined(1.0, mean, (closing - dot(mean, dy)) / (way + SMOOTH), dy), jumped
 
 
 @part
 def friction_at(cable, o, g):
-    """Coefficients of friction of the samples of a group: 0 where the obstacle has yielded, as it
-    would hold fast what it pushes out in different directions.
+    """Coefficients of friction of the samples of a group: 0 where overlap decays, as friction would
+    hold fast what is pushed out in different directions.
     """
-    return where(cable.state.yielded[o, g, 1], 0.0, cable.contact.law[o, FRICTION])
+    return where(cable.state.overlap[o, g, 1], 0.0, cable.contact.law[o, FRICTION])
 
 
 @part
-def friction(stiff, limit, n, dy, z):
-    """Trial force T, the share of it that holds, |T|, P z, P dy, for the largest force `limit`;
-    `stiff`: factors of P z and P dy in T.
+def trial_at(cable, o, g, change):
+    """Trial force of friction on the samples of a group at the last forces, with the spin of the
+    cable in a `change`.
     """
-    inverse = 1.0 / (dot(n, n) + TINY)
-    held, slip = along(n, inverse, z), along(n, inverse, dy)
-    trial = combined(stiff[0], held, stiff[1], slip)
-    far = sqrt(dot(trial, trial)) + TINY
-    return trial, where(limit - far, 1.0, limit / far), far, held, slip
+    touch = cable.work.touch[o, g]
+    trial = three(touch, TRIAL)
+    if cable.terms & ROLLING:
+        turn = -cable.contact.law[o, BRISTLE] * line_at(cable, change, g, cable.dim)
+        trial = combined(1.0, trial, turn, three(touch, LEVER))
+    return trial
 
 
-# -- forces, energy, Jacobian --------------------------------------------------------------------
+@part
+def release(cable, o, g):
+    """Let the samples of a group, none of which touches, lose their bristles; returns |z|^2."""
+    z, none = three(cable.state.bristle[o, g], 0), zero()
+    put(cable.work.trial[o, g], 0, (none, none, none))
+    return dot(z, z)
 
 
-@piece(
-    *((float64, float64, float64, boolean, float64, float64), CABLE, boolean, boolean),
-    *(LINES, LINES, LINES),
-    terms=CONTACT,
-)
-def add_force(cable, steps, waits, x0, x1, out):
-    """out += contact force of a step from x0 to x1; the bristles at its end go to `work.trial`.
+@piece(void, CABLE, boolean, boolean, LINES, LINES, terms=CONTACT)
+def add_force(cable, steps, waits, x, out):
+    """out += contact force of a step to x from the configuration with which it began (`begin`).
+
+    Sets `work.touch`; the bristles at its end, `work.trial`; `work.touched`, a number that tells
+    which samples touch and, without the twist, slide; and of `work.results` the work of the
+    obstacles, the loss [J], how many samples may have passed through an obstacle, and how many are
+    near the middle of one.
 
     Args:
-        steps: false for the pressure at x1 = x0 alone. waits: whether friction waits in
-            `work.rolling` until the twist is known.
-
-    Returns:
-        Work of the obstacles [J], energy put into the bristles [J], loss [J], whether no sample may
-        have passed through an obstacle, how many are near the middle of one, and a checksum of what
-        touches and, without the twist, what slides.
+        steps: false for the pressure at x alone. waits: whether friction waits until the twist is
+            known (`engine.rolling`).
     """
     contact, state, work = cable.contact, cable.state, cable.work
-    worked, kept, lost, jumps, depths = zero(), zero(), zero(), zero(), zero()
-    touched = zero()
-    begun, middle = (BEGUN, MIDDLE) if steps else (ENDED, END)
+    worked, lost, jumps, deep, touched = zero(), zero(), zero(), zero(), 0
     for o in range(contact.count):
-        law, pose = contact.law[o], state.pose[o]
+        law, pose, reach = contact.law[o], state.pose[o], contact.reach[o]
         rubbed, k_t = steps and law[FRICTION] > 0.0, law[BRISTLE]
         for k in range(int(state.near_count[o])):
             g = int(state.near[o, k])
-            if begun == BEGUN and work.measured_known[o, g, BEGUN] != OF_STEP:
-                measure(cable, o, g, BEGUN, x0)
-            measure(cable, o, g, ENDED, x1)
-            before, after = work.measured[o, g, begun], work.measured[o, g, ENDED]
+            measure(cable, o, g, ENDED, x)
+            before, after = (
+                work.measured[o, g, BEGUN if steps else ENDED],
+                work.measured[o, g, ENDED],
+            )
             dy = combined(1.0, three(after, PLACE), -1.0, three(before, PLACE))
-            here, there, w = measured(before), measured(after), contact.weight[g]
-            if misses(contact, o, here, there, dy):
+            g0, g1, w = before[DISTANCE] - reach, after[DISTANCE] - reach, contact.weight[g]
+            touch, overlap = work.touch[o, g], state.overlap[o, g]
+            if misses(contact, o, g0, g1, dy):
+                touch[PRESSURE] = zero()
                 if rubbed:
-                    if waits:
-                        work.rolling[o, g, LIMIT] = zero()
-                    stored = 0.5 * k_t * w * drop(cable, o, g)
-                    lost += stored
-                    kept = kept - stored
+                    lost += 0.5 * k_t * w * release(cable, o, g)
                 continue
-            gaps, n, loss, p, slope, _, jumped, deep = pressure(cable, o, g, steps, here, there, dy)
+            g0, g1 = g0 + overlap[0], g1 + overlap[1]
+            n, jumped = toward(contact, o, before, after, g0 + g1, dy)
+            lands = 1.0 - state.slides[o, g, 0]
+            damped = law[STIFFNESS] * (DAMPED + (0.5 - DAMPED) * lands) if steps else zero()
+            p, slope, loss = pressure(law[STIFFNESS], damped, lands, g0, g1)
+            touch[PRESSURE], touch[SLOPE] = p, slope
+            touch[TURN] = p / (before[FAR] + after[FAR])
+            put(touch, TOWARD, n)
             jumps += where(w, jumped, 0.0)
-            depths += where(w, deep, 0.0)
-            # A checksum: every sample adds its mark if it is pressed, 0.7 marks if it ends outside,
-            # 1.7 if it slides. Marks differ from sample to sample, so that one that lets go while
-            # another one touches is seen; but not along z of the obstacle, where only the number
-            # of samples is seen.
-            mark = 1.0 + fabs(before[PLACE]) + fabs(before[PLACE + 1])
-            touched += where(p, mark, 0.0) + where(gaps[1], 0.7 * mark, 0.0)
+            deep += where(w, where(-g1 - contact.middle[o], 1.0, 0.0), 0.0)
+            bits = bits_above(p) | bits_above(g1) << LANES
             lost += w * loss
-            if steps:
-                worked += w * (state.yielded[o, g, 0] - state.yielded[o, g, 1]) * p
+            worked += w * (overlap[0] - overlap[1]) * p
             f = scaled(p, n)
             if rubbed:
-                z = vector_of(state.bristle[o, g])
-                seen = dy
+                phi, lever = zero(), (zero(), zero(), zero())
                 if cable.terms & ROLLING:
-                    phi, lever = rolled(cable, o, g, x0, x1, n)
-                    seen = combined(1.0, dy, -phi, lever)
-                mu = friction_at(cable, o, g)
-                trial, share, _, held, slip = friction((k_t, k_t), mu * p, n, seen, z)
+                    phi, lever = rolled(cable, o, g, x, n)
+                    put(touch, LEVER, lever)
+                mu, z = friction_at(cable, o, g), three(state.bristle[o, g], 0)
+                seen = combined(1.0, dy, -phi, lever)
+                trial, share, z1, loss = friction(k_t, k_t, mu, p, n, seen, z)
+                lost += w * loss
+                put(work.trial[o, g], 0, z1)
                 if not waits:
                     f = combined(1.0, f, -share, trial)
                 if cable.terms & ROLLING:
-                    own = spin(cable, g, x0, x1)
+                    own = line_at(cable, work.change, g, cable.dim)
                     moment = share * dot(lever, trial)
                     worked += w * moment * (own - phi)
-                    if waits:
-                        free = combined(1.0, trial, own * k_t, lever)
-                        lean = scaled(mu * slope, there[1])
-                        keep_for_twist(cable, o, g, free, lever, mu * p, lean)
-                    else:
+                    if not waits:
                         push_line(cable, g, cable.dim, w * moment, out)
+                    trial = combined(1.0, trial, own * k_t, lever)
                 else:
-                    touched += where(p, where(1.0 - share, 1.7 * mark, 0.0), 0.0)
-                z1 = scaled(share / k_t, trial)
-                z1 = where(p, z1[0], 0.0), where(p, z1[1], 0.0), where(p, z1[2], 0.0)
-                change = combined(1.0, z1, -1.0, held)
-                slid = combined(1.0, combined(1.0, held, 1.0, slip), -1.0, z1)
-                full, stored = dot(z, z), dot(z1, z1)
-                loss = 0.5 * k_t * (dot(change, change) + full - dot(held, held))
-                loss += share * dot(trial, slid)
-                lost += w * where(p, loss, 0.5 * k_t * full)
-                kept += 0.5 * k_t * w * (stored - full)
-                ends = work.trial[o, g]
-                ends[0], ends[1], ends[2] = z1
-            on_lines = to_lines(pose, middle, f)
+                    bits |= bits_above(where(p, 1.0 - share, 0.0)) << 2 * LANES
+                put(touch, TRIAL, trial)
+            touched = ((touched ^ bits) * 1000003 + g) & 0x7FFFFFFF
+            on_lines = to_lines(pose, MIDDLE, f)
             way = combined(1.0, three(after, POINT), -1.0, three(before, POINT))
             worked += w * (dot(on_lines, way) - dot(f, dy))
             push_samples(cable, g, scaled(w, on_lines), out)
-    sane, deep = lane_sum(jumps) == 0.0, lane_sum(depths)
-    return lane_sum(worked), lane_sum(kept), lane_sum(lost), sane, deep, lane_sum(touched)
-
-
-@part
-def add_elastic_force(cable, x, out):
-    """out += elastic pressure at one configuration."""
-    add_force(cable, NO, NO, x, x, out)
+    work.touched[0], results = touched, work.results
+    results.contact_work, results.contact_loss = lane_sum(worked), lane_sum(lost)
+    results.contact_jumps, results.contact_deep = lane_sum(jumps), lane_sum(deep)
 
 
 @piece(void, CABLE, LINES, VECTOR, terms=CONTACT)
@@ -749,149 +532,86 @@ def energy(cable, x, out):
             g = int(state.near[o, k])
             measure(cable, o, g, ENDED, x)
             gap = cable.work.measured[o, g, ENDED][DISTANCE] - contact.reach[o]
-            deep = depth(gap + state.yielded[o, g, 1])
-            z = vector_of(state.bristle[o, g])
+            deep, z = depth(gap + state.overlap[o, g, 1]), three(state.bristle[o, g], 0)
             stored = law[STIFFNESS] * deep * deep + law[BRISTLE] * dot(z, z)
             sum_ += 0.5 * contact.weight[g] * stored
     out[TOUCHING] += lane_sum(sum_)
 
 
-@part
-def pressed_by_motion(there, found):
-    """Minus d (p n) / d y1, by lines, from a `measured` and a `pressure`."""
-    n1, bend = there[1], there[3]
-    _, n, _, p, slope, both, _, _ = found
-    turn = -p / both
-    push, aside = scaled(-slope, n), scaled(-turn, n)
-    h = (
-        combined(push[0], n1, aside[0], n1),
-        combined(push[1], n1, aside[1], n1),
-        combined(push[2], n1, aside[2], n1),
-    )
-    return (
-        (h[0][0] + turn * bend[0], h[0][1] + turn * bend[3], h[0][2] + turn * bend[4]),
-        (h[1][0] + turn * bend[3], h[1][1] + turn * bend[1], h[1][2] + turn * bend[5]),
-        (h[2][0] + turn * bend[4], h[2][1] + turn * bend[5], h[2][2] + turn * bend[2]),
-    )
-
-
-@part
-def rubbed_by_motion(k_t, mu, there, found, trial):
-    """Minus d f / d y1, by lines, for the trial force of `friction` or `rolling_trial` and the
-    coefficient of friction mu.
-    """
-    n1 = there[1]
-    _, n, _, p, slope, _, _, _ = found
-    far = sqrt(dot(trial, trial)) + TINY
-    limit = mu * p
-    share = where(limit - far, 1.0, limit / far)
-    slides = where(share - 1.0 + 1e-15, 0.0, 1.0) * where(p, 1.0, 0.0)
-    ahead = scaled(1.0 / far, trial)
-    hold, lean = share * k_t, mu * slides * slope
-    gone, flat = hold * slides, hold / (dot(n, n) + TINY)
-    h = (
-        combined(lean * ahead[0], n1, -flat * n[0], n),
-        combined(lean * ahead[1], n1, -flat * n[1], n),
-        combined(lean * ahead[2], n1, -flat * n[2], n),
-    )
-    h = (
-        combined(1.0, h[0], -gone * ahead[0], ahead),
-        combined(1.0, h[1], -gone * ahead[1], ahead),
-        combined(1.0, h[2], -gone * ahead[2], ahead),
-    )
-    return (
-        (h[0][0] + hold, h[0][1], h[0][2]),
-        (h[1][0], h[1][1] + hold, h[1][2]),
-        (h[2][0], h[2][1], h[2][2] + hold),
-    )
-
-
-@piece(
-    *(void, CABLE, boolean, LINES, LINES, float64, LINES),
-    terms=CONTACT,
-)
-def add_tangent(cable, steps, x0, x1, scale, band):
-    """band -= scale times the Jacobian of `add_force` by x1, with which it was called last."""
-    contact, state, work = cable.contact, cable.state, cable.work
-    begun = BEGUN if steps else ENDED
+@piece(void, CABLE, boolean, float64, LINES, terms=CONTACT)
+def add_tangent(cable, steps, scale, band):
+    """band -= scale times the Jacobian of the last `add_force` by the end of the step."""
+    contact, work, block = cable.contact, cable.work, -1
     for o in range(contact.count):
-        law, block = contact.law[o], -1
-        rubbed = steps and law[FRICTION] > 0.0
-        for k in range(int(state.near_count[o])):
-            g = int(state.near[o, k])
-            if begun == BEGUN and work.measured_known[o, g, BEGUN] != OF_STEP:
-                measure(cable, o, g, BEGUN, x0)
-            measure(cable, o, g, ENDED, x1)
-            before, after = work.measured[o, g, begun], work.measured[o, g, ENDED]
-            dy = combined(1.0, three(after, PLACE), -1.0, three(before, PLACE))
-            here, there = measured(before), measured(after)
-            if misses(contact, o, here, there, dy):
+        law = contact.law[o]
+        for k in range(int(cable.state.near_count[o])):
+            g = int(cable.state.near[o, k])
+            touch, after = work.touch[o, g], work.measured[o, g, ENDED]
+            p, slope, turn = touch[PRESSURE], touch[SLOPE], touch[TURN]
+            if not any_above(p):
                 continue
-            found = pressure(cable, o, g, steps, here, there, dy)
-            if lane_sum(found[3]) == 0.0:
-                continue
-            h = pressed_by_motion(there, found)
-            if rubbed:
-                mu = friction_at(cable, o, g)
-                if cable.terms & ROLLING:
-                    trial = rolling_trial(cable, o, g, work.change)
-                else:
-                    z, limit = vector_of(state.bristle[o, g]), mu * found[3]
-                    k_t = law[BRISTLE]
-                    trial = friction((k_t, k_t), limit, found[1], dy, z)[0]
-                rub = rubbed_by_motion(law[BRISTLE], mu, there, found, trial)
+            n, diagonal, mixed = three(touch, TOWARD), three(after, BEND), three(after, BEND + 3)
+            h = (
+                scaled(-turn, (diagonal[0], mixed[0], mixed[1])),
+                scaled(-turn, (mixed[0], diagonal[1], mixed[2])),
+                scaled(-turn, (mixed[1], mixed[2], diagonal[2])),
+            )
+            push = scaled(turn - slope, n)
+            if steps and law[FRICTION] > 0.0:
+                mu, trial = friction_at(cable, o, g), trial_at(cable, o, g, work.change)
+                s, lean = friction_jacobian(law[BRISTLE], mu, p, slope, n, trial)
+                push = combined(1.0, push, 1.0, lean)
                 h = (
-                    combined(1.0, h[0], 1.0, rub[0]),
-                    combined(1.0, h[1], 1.0, rub[1]),
-                    combined(1.0, h[2], 1.0, rub[2]),
+                    combined(1.0, h[0], 1.0, s[0]),
+                    combined(1.0, h[1], 1.0, s[1]),
+                    combined(1.0, h[2], 1.0, s[2]),
                 )
+            h = with_product(h, push, three(after, NORMAL))
             block = add_samples(cable, o, g, MIDDLE, h, scale, block, band)
-        if block >= 0:
-            add_block(cable, block, band)
+    if block >= 0:
+        add_block(cable, block, band)
+
+
+@part
+def block_of(cable, g):
+    """Groups with the same number have the same control points: those of a block of spans, or,
+    behind these, samples of one span.
+    """
+    return cable.contact.first[g] + (0 if g < cable.contact.coarse else cable.columns)
 
 
 @part
 def add_samples(cable, o, g, turned_at, h, scale, block, band):
     """band += `scale` times the integral of R h R_end^T over the samples of a group, with R of the
-    pose at `turned_at`. Samples on half spaces wait in `work.contact_sums` until another block of
-    spans begins; returns the block that waits, or -1.
+    pose at `turned_at`. They wait in `work.contact_sums` until another block (`block_of`) begins;
+    returns the block that waits.
     """
-    contact, work, dim, pose = cable.contact, cable.work, cable.dim, cable.state.pose[o]
-    c0, c1, c2 = to_lines(pose, END, h[0]), to_lines(pose, END, h[1]), to_lines(pose, END, h[2])
-    w, coarse = scale * contact.weight[g], g < contact.coarse
-    if coarse and contact.first[g] != block:
-        if block >= 0:
-            add_block(cable, block, band)
-        clear_sums(work.contact_sums)
-        block = contact.first[g]
+    contact, pose = cable.contact, cable.state.pose[o]
+    h = to_lines(pose, END, h[0]), to_lines(pose, END, h[1]), to_lines(pose, END, h[2])
+    w, e, here = scale * contact.weight[g], contact.basis[g], block_of(cable, g)
+    h = scaled(w, h[0]), scaled(w, h[1]), scaled(w, h[2])
+    if here != block and block >= 0:
+        add_block(cable, block, band)
+    if cable.dim == 3:  # with loops of known length
+        add_lines(cable.work.contact_sums, e, 3, pose, turned_at, h)
+    else:
+        add_lines(cable.work.contact_sums, e, 2, pose, turned_at, h)
+    return here
+
+
+@part
+def add_lines(sums, e, dim, pose, at, h):
+    """Add what a sample with basis values e adds to so many lines of R h: see `add_line`."""
     for i in range(dim):
-        at = turned_at + 3 * i
-        f = combined(pose[at], c0, pose[at + 1], c1)
-        f = scaled(w, combined(1.0, f, pose[at + 2], c2))
-        if coarse:
-            add_line(work.contact_sums, contact.basis[g], dim, i, f)
-        else:
-            store(work.contact_values, i * dim, 0, f[0])
-            store(work.contact_values, i * dim + 1, 0, f[1])
-            if dim == 3:
-                store(work.contact_values, i * dim + 2, 0, f[2])
-    if not coarse:
-        add_span(cable, g, band)
-    return block
+        f = combined(pose[at + 3 * i], h[0], pose[at + 3 * i + 1], h[1])
+        f = combined(1.0, f, pose[at + 3 * i + 2], h[2])
+        add_line(sums, e, dim, dim, i, f)
 
 
 @part
-def clear_sums(sums):
-    """sums = 0."""
-    for k in range(sums.shape[0]):
-        for c in range(0, sums.shape[1], LANES):
-            store(sums, k, c, 0.0)
-
-
-@part
-def add_line(sums, e, dim, i, f):
+def add_line(sums, e, dim, lines, i, f):
     """Add what a sample with basis values e adds to line i between all pairs of control points of
-    its span, from line i of its derivative f: dim^2 rows of `Work.contact_sums` for each pair.
+    its span, from line i of its derivative f: so many lines by dim rows of `sums` for each pair.
     """
     at = dim * i
     for first in range(4):
@@ -901,145 +621,156 @@ def add_line(sums, e, dim, i, f):
             store(sums, at + 1, 0, load(sums, at + 1, 0) + both * f[1])
             if dim == 3:
                 store(sums, at + 2, 0, load(sums, at + 2, 0) + both * f[2])
-            at += dim * dim
-
-
-@piece(void, CABLE, int64, LINES, terms=CONTACT)
-def add_block(cable, first, band):
-    """band += `Work.contact_sums` of the spans of the block from this column on."""
-    dim, sums = cable.dim, cable.work.contact_sums
-    for span in range(min(LANES, MARGIN + cable.n - 3 - first)):
-        pair = 0
-        for one in range(4):
-            for other in range(one, 4):
-                for i in range(dim):
-                    for c in range(dim):
-                        value = sums[(pair * dim + i) * dim + c, span]
-                        add_pair(dim, first - MARGIN + span, one, other, i, c, value, band)
-                pair += 1
-
-
-@piece(void, CABLE, int64, LINES, terms=CONTACT)
-def add_span(cable, g, band):
-    """band += what `Work.contact_values` of the samples of a group make of their span."""
-    dim, values, sums = cable.dim, cable.work.contact_values, cable.work.pair_sums
-    pairs = cable.contact.pairs[g - cable.contact.coarse]
-    for entry in range(dim * dim):
-        low, high = zero(), zero()
-        for k in range(LANES):
-            low += values[entry, k] * pairs[k, 0]
-            high += values[entry, k] * pairs[k, 1]
-        store(sums, entry, 0, low)
-        store(sums, entry, LANES, high)
-    pair = 0
-    for one in range(4):
-        for other in range(one, 4):
-            for i in range(dim):
-                for c in range(dim):
-                    value = sums[i * dim + c, pair]
-                    add_pair(dim, cable.contact.first[g] - MARGIN, one, other, i, c, value, band)
-            pair += 1
+            at += dim * lines
 
 
 @part
-def add_pair(dim, first, one, other, i, c, value, band):
-    """band += an entry between line i of control point first + `one` and line c of first + `other`,
-    and between line i of the latter and c of the former.
+def take_sums(cable, block):
+    """First control point of a block (`block_of`), and how many spans have their own column in
+    `work.contact_sums`, where what samples of one span have is added up.
     """
-    at, apart = 4 * dim - 1 - i + c, (other - one) * dim
-    band[(first + one) * dim + i, at + apart] += value
-    if other > one:
-        band[(first + other) * dim + i, at - apart] += value
+    sums = cable.work.contact_sums
+    if block < cable.columns:
+        return block - MARGIN, min(LANES, MARGIN + cable.n - 3 - block)
+    for row in range(sums.shape[0]):
+        sums[row, 0] = lane_sum(load(sums, row, 0))
+    return block - cable.columns - MARGIN, 1
+
+
+@part
+def clear_sums(cable):
+    """Let `work.contact_sums` begin another block."""
+    for row in range(cable.work.contact_sums.shape[0]):
+        store(cable.work.contact_sums, row, 0, 0.0)
+
+
+@part
+def add_spans(cable, block, dim, band):
+    """`add_block` for so many lines."""
+    sums, half = cable.work.contact_sums, 4 * dim - 1
+    first, spans = take_sums(cable, block)
+    for span in range(spans):
+        row = 0
+        for one in range(4):
+            for other in range(one, 4):
+                apart = (other - one) * dim
+                for i in range(dim):
+                    at, to = (first + span + one) * dim + i, (first + span + other) * dim + i
+                    for c in range(dim):
+                        value = sums[row, span]
+                        band[at, half - i + c + apart] += value
+                        if other > one:
+                            band[to, half - i + c - apart] += value
+                        row += 1
+
+
+@piece(void, CABLE, int64, LINES, terms=CONTACT)
+def add_block(cable, block, band):
+    """band += `work.contact_sums` of a block, which then has none."""
+    if cable.dim == 3:  # with loops of known length
+        add_spans(cable, block, 3, band)
+    else:
+        add_spans(cable, block, 2, band)
+    clear_sums(cable)
 
 
 # -- velocities after contact --------------------------------------------------------------------
 
 
 @part
-def pose_rate(pose, k, f, g):
-    """f times the change of entry k of a pose in the first half of a step, g in the second."""
-    early, late = pose[MIDDLE + k] - pose[START + k], pose[END + k] - pose[MIDDLE + k]
-    return f * early + g * late
-
-
-@part
-def body_velocity(pose, y, begins, tau):
-    """Velocity (3, by line) of points y in the frame of an obstacle at the beginning or the end of
-    a step: that of the parabola through its three poses.
+def body_velocity(pose, y, f, g):
+    """Velocity (3, by line) of points y in the frame of an obstacle: f times their way in the first
+    half of a step, g times that in the second, that of the parabola through its three poses.
     """
-    f, g = (3.0 / tau, -1.0 / tau) if begins else (-1.0 / tau, 3.0 / tau)
-    turned_by = (
-        (pose_rate(pose, 0, f, g), pose_rate(pose, 1, f, g), pose_rate(pose, 2, f, g)),
-        (pose_rate(pose, 3, f, g), pose_rate(pose, 4, f, g), pose_rate(pose, 5, f, g)),
-        (pose_rate(pose, 6, f, g), pose_rate(pose, 7, f, g), pose_rate(pose, 8, f, g)),
-    )
-    return (
-        dot(turned_by[0], y) + pose_rate(pose, 9, f, g),
-        dot(turned_by[1], y) + pose_rate(pose, 10, f, g),
-        dot(turned_by[2], y) + pose_rate(pose, 11, f, g),
-    )
+    middle = from_body(pose, MIDDLE, y)
+    early = combined(1.0, middle, -1.0, from_body(pose, START, y))
+    late = combined(1.0, from_body(pose, END, y), -1.0, middle)
+    return combined(f, early, g, late)
 
 
 @part
 def is_pressed(cable, o, g):
     """Whether any sample of a group is pressed at the end of a step, as last looked at."""
     gap = cable.work.measured[o, g, ENDED][DISTANCE] - cable.contact.reach[o]
-    return any_above(-(gap + cable.state.yielded[o, g, 1]))
-
-
-@part
-def after_contact(cable, o, g, tau, v):
-    """Of the samples of a group at the end of a step, in the frame of the obstacle: normal n,
-    impulses of pressure and friction per length, velocity of the surface of the cable in `v` less
-    that of the obstacle, by which its part along n exceeds that after contact, and lever l; and the
-    velocity of the obstacle, by line.
-    """
-    contact, work, pose, law = cable.contact, cable.work, cable.state.pose[o], cable.contact.law[o]
-    before, after = work.measured[o, g, BEGUN], work.measured[o, g, ENDED]
-    here, there = measured(before), measured(after)
-    dy = combined(1.0, three(after, PLACE), -1.0, three(before, PLACE))
-    found = pressure(cable, o, g, YES, here, there, dy)
-    n = scaled(1.0 / (sqrt(dot(there[1], there[1])) + TINY), there[1])
-    p, rubbed, lever = found[3], (zero(), zero(), zero()), (zero(), zero(), zero())
-    carried = body_velocity(pose, three(after, PLACE), NO, tau)
-    u = turned_back(pose, END, combined(1.0, sample_at(cable, v, g), -1.0, carried))
-    if law[FRICTION] > 0.0:
-        limit, z = friction_at(cable, o, g) * p, vector_of(cable.state.bristle[o, g])
-        if cable.terms & ROLLING:
-            lever = three(work.rolling[o, g], LEVER)
-            spins = line_at(cable, v, g, cable.dim)
-            t = turned_back(pose, END, weighted(cable, cable.state.x, g, contact.slope[g]))
-            turn = dot(obstacle_turn(pose), t) / (tau * sqrt(dot(t, t)) + TINY)
-            u = combined(1.0, u, turn - spins, lever)
-            trial = rolling_trial(cable, o, g, work.change)
-            far = sqrt(dot(trial, trial)) + TINY
-            share = where(limit - far, 1.0, limit / far)
-        else:
-            trial, share, _, _, _ = friction((law[BRISTLE], law[BRISTLE]), limit, found[1], dy, z)
-        rubbed = scaled(-tau * share, trial)
-    came = body_velocity(pose, three(before, PLACE), YES, tau)
-    came = combined(1.0, sample_at(cable, work.start_v, g), -1.0, came)
-    speed = dot(here[1], turned_back(pose, START, came))
-    excess = dot(n, u) + contact.restitution * where(speed, 0.0, speed)
-    return n, p * tau, rubbed, u, excess, lever, carried
+    return any_above(-(gap + cable.state.overlap[o, g, 1]))
 
 
 @part
 def clear_stopped(cable):
     """No impulses in the last step."""
-    stopped = cable.state.stopped
+    stopped, none = cable.state.stopped, zero()
     for o in range(cable.contact.count):
         for g in range(stopped.shape[1]):
-            for d in range(3):
-                stopped[o, g, d] = zero()
+            put(stopped[o, g], 0, (none, none, none))
     cable.state.balance.stopped = 0.0
 
 
+@part
+def expect(cable, o, g, tau):
+    """Set `work.impulses` of the samples of a group at the end of a step, with friction that holds
+    where it did in the step.
+    """
+    contact, work, pose = cable.contact, cable.work, cable.state.pose[o]
+    before, after, touch = work.measured[o, g, BEGUN], work.measured[o, g, ENDED], work.touch[o, g]
+    kept, normal, none = work.impulses[o, g], three(after, NORMAL), zero()
+    rubbed, limit = (none, none, none), friction_at(cable, o, g) * touch[PRESSURE]
+    kept[TURNS] = none
+    if contact.law[o, FRICTION] > 0.0:
+        trial = trial_at(cable, o, g, work.change)
+        rubbed = scaled(-tau * held_share(limit, trial)[0], trial)
+        if cable.terms & ROLLING:
+            t = turned_back(pose, END, weighted(cable, cable.state.x, g, contact.slope[g]))
+            turn = dot(obstacle_turn(pose), t)
+            kept[TURNS] = turn / (tau * sqrt(dot(t, t)) + TINY)
+    elif cable.terms & ROLLING:
+        put(touch, LEVER, rubbed)
+    came = body_velocity(pose, three(before, PLACE), 3.0 / tau, -1.0 / tau)
+    came = combined(1.0, sample_at(cable, work.start_v, g), -1.0, came)
+    speed = dot(three(before, NORMAL), turned_back(pose, START, came))
+    put(kept, UNIT, scaled(1.0 / (sqrt(dot(normal, normal)) + TINY), normal))
+    kept[PUSHED], kept[BOUNCE] = (
+        tau * touch[PRESSURE],
+        contact.restitution * where(speed, 0.0, speed),
+    )
+    put(kept, RUBBED, rubbed)
+    put(kept, CARRIED, body_velocity(pose, three(after, PLACE), -1.0 / tau, 3.0 / tau))
+    limit = tau * limit
+    kept[STICKS] = where(limit * limit - (1.0 + SAME) * dot(rubbed, rubbed), 1.0, 0.0)
+    put(kept, SLID, (none, none, none))
+    kept[KNOWN] = none
+
+
+@part
+def excess_velocity(cable, o, g, v):
+    """Of the samples of a group with the velocities v: that of their surface relative to an
+    obstacle across the normal, in its frame, and by how much that along it exceeds that after
+    contact.
+    """
+    kept, pose = cable.work.impulses[o, g], cable.state.pose[o]
+    u = combined(1.0, sample_at(cable, v, g), -1.0, three(kept, CARRIED))
+    u = turned_back(pose, END, u)
+    if cable.terms & ROLLING:
+        spins = kept[TURNS] - line_at(cable, v, g, cable.dim)
+        u = combined(1.0, u, spins, three(cable.work.touch[o, g], LEVER))
+    n = three(kept, UNIT)
+    closing = dot(n, u)
+    return combined(1.0, u, -closing, n), closing + kept[BOUNCE]
+
+
+@part
+def impulses_at(cable, o, g, across, excess):
+    """Impulses of friction and pressure of the samples of a group, less those of the step, for
+    velocities from `excess_velocity`.
+    """
+    kept, stiff = cable.work.impulses[o, g], STOP * cable.contact.density
+    rub = combined(1.0, three(kept, SLID), -stiff * kept[STICKS], across)
+    return rub, where(kept[PUSHED], kept[KNOWN] - stiff * excess, 0.0)
+
+
 @piece((float64, float64), CABLE, float64, LINES, terms=CONTACT)
-def begin_stops(cable, tau, v):
+def begin_impulses(cable, tau, v):
     """Energy [J] of velocities that contact changes at the end of a step, and of its impulses in
-    it; sets `work.stops`, whether friction holds a sample (1 or 0), its impulse where it slides,
-    less that of the step (3), and what is known of the impulse of the pressure, less that.
+    it; sets `work.impulses`.
     """
     contact, open_, spent = cable.contact, zero(), zero()
     if cable.state.balance.stopped > 0.0:
@@ -1047,95 +778,90 @@ def begin_stops(cable, tau, v):
     for o in range(contact.count):
         for k in range(int(cable.state.near_count[o])):
             g = int(cable.state.near[o, k])
+            kept = cable.work.impulses[o, g]
+            kept[STICKS] = zero()
             if not is_pressed(cable, o, g):
                 continue
-            n, p, rubbed, u, excess, _, _ = after_contact(cable, o, g, tau, v)
-            limit = friction_at(cable, o, g) * p
-            holds = where(limit * limit - (1.0 + SAME) * dot(rubbed, rubbed), 1.0, 0.0)
-            across = combined(1.0, u, -dot(n, u), n)
-            lacking = where(p, excess * excess, 0.0) + holds * dot(across, across)
+            expect(cable, o, g, tau)
+            across, excess = excess_velocity(cable, o, g, v)
+            lacking = where(kept[PUSHED], excess * excess, 0.0) + kept[STICKS] * dot(across, across)
             open_ += contact.weight[g] * lacking
-            spent += contact.weight[g] * p * p
-            stops = cable.work.stops[o, g]
-            stops[0], stops[1], stops[2], stops[3], stops[4] = holds, zero(), zero(), zero(), zero()
+            spent += contact.weight[g] * kept[PUSHED] * kept[PUSHED]
     return 0.5 * contact.density * lane_sum(open_), 0.5 / contact.density * lane_sum(spent)
 
 
-@piece(void, CABLE, float64, LINES, LINES, LINES, terms=CONTACT)
-def add_stops(cable, tau, v, push, band):
+@piece(void, CABLE, LINES, LINES, LINES, terms=CONTACT)
+def add_impulses(cable, v, push, band):
     """push += impulses on samples that have the velocities v, and band += their dependence on a
     change of v: penalties for other velocities than those after contact, and friction that slides.
     """
-    contact, stiff = cable.contact, STOP * cable.contact.density
+    contact, stiff, block, none = cable.contact, STOP * cable.contact.density, -1, zero()
     for o in range(contact.count):
-        pose, block = cable.state.pose[o], -1
         for k in range(int(cable.state.near_count[o])):
             g = int(cable.state.near[o, k])
             if not is_pressed(cable, o, g):
                 continue
-            n, p, _, u, excess, lever, _ = after_contact(cable, o, g, tau, v)
-            stops, w = cable.work.stops[o, g], contact.weight[g]
-            across = combined(1.0, u, -dot(n, u), n)
-            f = combined(1.0, three(stops, 1), -stiff * stops[0], across)
+            kept, w = cable.work.impulses[o, g], contact.weight[g]
+            n, hold = three(kept, UNIT), stiff * kept[STICKS]
+            across, excess = excess_velocity(cable, o, g, v)
+            rub, pushed = impulses_at(cable, o, g, across, excess)
             if cable.terms & ROLLING:
-                push_line(cable, g, cable.dim, -w * dot(lever, f), push)
-            f = combined(1.0, f, where(p, stops[4] - stiff * excess, 0.0), n)
-            push_samples(cable, g, scaled(w, to_lines(pose, END, f)), push)
-            hold = stiff * stops[0]
-            m = scaled(where(p, stiff, 0.0) - hold, n)
-            a, b, c = scaled(n[0], m), scaled(n[1], m), scaled(n[2], m)
-            h = (hold + a[0], a[1], a[2]), (b[0], hold + b[1], b[2]), (c[0], c[1], hold + c[2])
+                lever = three(cable.work.touch[o, g], LEVER)
+                push_line(cable, g, cable.dim, -w * dot(lever, rub), push)
+            f = to_lines(cable.state.pose[o], END, combined(1.0, rub, pushed, n))
+            push_samples(cable, g, scaled(w, f), push)
+            h = (hold, none, none), (none, hold, none), (none, none, hold)
+            h = with_product(h, scaled(where(kept[PUSHED], stiff, 0.0) - hold, n), n)
             block = add_samples(cable, o, g, END, h, 1.0, block, band)
-        if block >= 0:
-            add_block(cable, block, band)
+    if block >= 0:
+        add_block(cable, block, band)
 
 
 @piece((boolean, float64), CABLE, float64, LINES, boolean, terms=CONTACT)
-def look_at_stops(cable, tau, v, last):
-    """Whether friction holds and slides as `add_stops` had it, with the velocities v after it, and
-    the work of the obstacles [J]. If not, and not at the `last` time, `work.stops` is set anew.
+def validate_impulses(cable, tau, v, last):
+    """Whether friction holds and slides as `add_impulses` had it, with the velocities v after it,
+    and the work of the obstacles [J]. If not, and not at the `last` time, `work.impulses` is set
+    anew.
     """
     contact, stiff = cable.contact, STOP * cable.contact.density
     worked, wrong = zero(), zero()
     cable.state.balance.stopped = 1.0
     for o in range(contact.count):
-        pose = cable.state.pose[o]
         for k in range(int(cable.state.near_count[o])):
             g = int(cable.state.near[o, k])
             if not is_pressed(cable, o, g):
                 continue
-            n, p, rubbed, u, excess, _, carried = after_contact(cable, o, g, tau, v)
-            stops, w = cable.work.stops[o, g], contact.weight[g]
-            push = where(p, stops[4] - stiff * excess, 0.0)
-            across = combined(1.0, u, -dot(n, u), n)
-            f = combined(1.0, three(stops, 1), -stiff * stops[0], across)
-            on_lines = to_lines(pose, END, combined(1.0, f, push, n))
-            worked += w * dot(on_lines, carried)
-            mean = cable.state.stopped[o, g]
-            mean[0], mean[1], mean[2] = scaled(1.0 / tau, on_lines)
+            kept, w = cable.work.impulses[o, g], contact.weight[g]
+            p, holds, slid = kept[PUSHED], kept[STICKS], three(kept, SLID)
+            across, excess = excess_velocity(cable, o, g, v)
+            f, push = impulses_at(cable, o, g, across, excess)
+            whole = combined(1.0, f, push, three(kept, UNIT))
+            whole = to_lines(cable.state.pose[o], END, whole)
+            worked += w * dot(whole, three(kept, CARRIED))
+            put(cable.state.stopped[o, g], 0, scaled(1.0 / tau, whole))
             if contact.restitution > 0.0:
                 # The penalty leaves a share of 1 / STOP, which counts where it should bounce.
                 wrong += where(w, where(fabs(excess) * stiff - SAME * fabs(push), 1.0, 0.0), 0.0)
-            if not last:
-                stops[4] = push if contact.restitution > 0.0 else stops[4]
+                kept[KNOWN] = kept[KNOWN] if last else push
             if contact.law[o, FRICTION] == 0.0:
                 continue
+            rubbed = three(kept, RUBBED)
             limit = friction_at(cable, o, g) * where(p + push, p + push, 0.0)
             whole = combined(1.0, rubbed, 1.0, f)
             size = sqrt(dot(whole, whole)) + TINY
             speed = sqrt(dot(across, across)) + TINY
             # What held slides beyond the limit of Coulomb; what slid the way it is pushed holds.
-            slips = stops[0] * where(size - (1.0 + SAME) * limit, 1.0, 0.0)
-            sticks = (1.0 - stops[0]) * where(dot(across, whole), 1.0, 0.0) * where(p, 1.0, 0.0)
-            way = combined(stops[0] / size, whole, (stops[0] - 1.0) / speed, across)
-            slid = combined(limit, way, -1.0, rubbed)
-            off = combined(1.0, slid, -1.0, three(stops, 1))
-            slides = (1.0 - stops[0]) * (1.0 - sticks) * where(p, 1.0, 0.0)
-            apart = where(dot(off, off) - SAME * SAME * (limit * limit + p * p), slides, 0.0)
+            slips = holds * where(size - (1.0 + SAME) * limit, 1.0, 0.0)
+            sticks = (1.0 - holds) * where(dot(across, whole), 1.0, 0.0) * where(p, 1.0, 0.0)
+            way = combined(holds / size, whole, (holds - 1.0) / speed, across)
+            slides = combined(limit, way, -1.0, rubbed)
+            off = combined(1.0, slides, -1.0, slid)
+            goes_on = (1.0 - holds) * (1.0 - sticks) * where(p, 1.0, 0.0)
+            apart = where(dot(off, off) - SAME * SAME * (limit * limit + p * p), goes_on, 0.0)
             wrong += where(w, slips + sticks + apart, 0.0)
             if not last:
-                stops[0] = stops[0] * (1.0 - slips) + sticks
-                stops[1], stops[2], stops[3] = scaled(slips + slides, slid)
+                kept[STICKS] = holds * (1.0 - slips) + sticks
+                put(kept, SLID, scaled(slips + goes_on, slides))
     return lane_sum(wrong) == 0.0, lane_sum(worked)
 
 
@@ -1143,42 +869,23 @@ def look_at_stops(cable, tau, v, last):
 
 
 @part
-def core_distance(cable, o, y):
-    """Distance from the core of an obstacle at places y in its frame, 0 inside; from the box around
-    a cylinder or mesh.
-    """
-    core, h = cable.contact.core[o], cable.contact.half[o]
-    if core == HALF_SPACE:
-        return y[2]
-    a, b, c = fabs(y[0]) - h[0], fabs(y[1]) - h[1], fabs(y[2]) - h[2]
-    if core == TUBE:
-        a, b = fabs(sqrt(y[0] * y[0] + y[1] * y[1]) - h[0]), zero()
-    a, b, c = where(a, a, 0.0), where(b, b, 0.0), where(c, c, 0.0)
-    return sqrt(a * a + b * b + c * c)
-
-
-@part
 def find_near(cable, x, margin):
-    """Set `state.near` to the groups of which a sample may come within `margin` of an obstacle at
-    the start of the step.
+    """Set `state.near` to the groups of which a sample comes within `margin` of an obstacle at the
+    start of the step.
     """
     contact, state = cable.contact, cable.state
     for o in range(contact.count):
-        state.near_count[o] = 0.0
-    for g in range(len(contact.first)):
-        r, there = sample_at(cable, x, g), fabs(contact.weight[g])
-        for o in range(contact.count):
-            if g < contact.begin[o] or g >= contact.end[o]:
-                continue
-            room = margin + contact.reach[o]
-            room = room - core_distance(cable, o, to_body(state.pose[o], START, r))
-            if any_above(where(there, room, 0.0)):
-                state.near[o, int(state.near_count[o])] = g
-                state.near_count[o] += 1.0
+        near, room = 0, margin + contact.reach[o]
+        for g in range(contact.begin[o], contact.end[o]):
+            measure(cable, o, g, BEGUN, x)
+            left = room - cable.work.measured[o, g, BEGUN][DISTANCE]
+            if any_above(where(fabs(contact.weight[g]), left, 0.0)):
+                state.near[o, near] = g
+                near += 1
             else:
-                for k in range(3):
-                    state.yielded[o, g, k] = zero()
+                put(state.overlap[o, g], 0, (zero(), zero(), zero()))
                 state.slides[o, g, 0] = zero()
+        state.near_count[o] = near
 
 
 @part
@@ -1204,7 +911,7 @@ def begin(cable, t0, tau, way, x):
             set_pose(cable, o, MIDDLE, t0 + 0.5 * tau)
             set_pose(cable, o, END, t0 + tau)
             carried = max(carried, pose_way(cable, o))
-    if balance.yields > 0.0:
+    if balance.decaying > 0.0:
         carried = max(carried, RETURN * tau)
     way = 1.5 * (way + carried)
     if not balance.contact_way + way < balance.contact_margin:
@@ -1214,45 +921,43 @@ def begin(cable, t0, tau, way, x):
     balance.contact_carried = carried
     for o in range(cable.contact.count):
         for k in range(int(cable.state.near_count[o])):
-            known = cable.work.measured_known[o, int(cable.state.near[o, k])]
-            known[BEGUN] = min(known[BEGUN], KNOWN)
-    cable.work.results.yielded = balance.yields
-    if balance.yields > 0.0:
-        grow_back(cable, tau, x)
+            measure(cable, o, int(cable.state.near[o, k]), BEGUN, x)
+    cable.work.results.decaying = balance.decaying
+    if balance.decaying > 0.0:
+        decay_overlap(cable, tau)
 
 
 @part
-def grow_back(cable, tau, x):
-    """Let what obstacles have yielded become less in a step of length tau from x."""
+def decay_overlap(cable, tau):
+    """Let the overlap with obstacles become less in a step of length tau."""
     contact, state, left = cable.contact, cable.state, zero()
     for o in range(contact.count):
         most = PRESSED * EARTH * contact.density / contact.law[o, STIFFNESS]
         for k in range(int(state.near_count[o])):
             g = int(state.near[o, k])
-            yielded = state.yielded[o, g]
-            before = yielded[0]
+            overlap = state.overlap[o, g]
+            before = overlap[0]
             if not any_above(before):
                 continue
-            measure(cable, o, g, BEGUN, x)
             deep = contact.reach[o] - cable.work.measured[o, g, BEGUN][DISTANCE]
-            grown = FOLLOWED * (yielded[2] - deep)  # out of it in the last step
+            grown = FOLLOWED * (overlap[2] - deep)  # out of it in the last step
             grown = where(grown - most * tau / RISE, grown, most * tau / RISE)
             grown = where(grown - RETURN * tau, RETURN * tau, grown)
             room = before - deep  # where it does not press, to where it does
             grown = where(room, where(room - RETURN * tau, RETURN * tau, room), grown)
             after = before - where(most + room, grown, 0.0)
-            yielded[1] = where(after, after, 0.0)
-            left += yielded[1]
-    state.balance.yields = 1.0 if lane_sum(left) > 0.0 else 0.0
+            overlap[1] = where(after, after, 0.0)
+            left += overlap[1]
+    state.balance.decaying = 1.0 if lane_sum(left) > 0.0 else 0.0
 
 
 @part
-def undo(cable):
+def reset(cable):
     """The step was not made."""
     for o in range(cable.contact.count):
         settle_pose(cable.state.pose[o], START)
-        settle_yielding(cable, o, 0)
-    cable.state.balance.yields = cable.work.results.yielded
+        settle_overlap(cable, o, 0)
+    cable.state.balance.decaying = cable.work.results.decaying
 
 
 @part
@@ -1280,49 +985,35 @@ def commit(cable, tau):
         for k in range(int(state.near_count[o])):
             g = int(state.near[o, k])
             if contact.law[o, FRICTION] > 0.0:
-                for d in range(3):
-                    state.bristle[o, g, d] = cable.work.trial[o, g, d]
+                put(state.bristle[o, g], 0, three(cable.work.trial[o, g], 0))
             state.slides[o, g, 0] = slides_along(cable, o, g, tau)
             deep = contact.reach[o] - cable.work.measured[o, g, ENDED][DISTANCE]
-            # Of the start of the step, for `grow_back`.
+            # Of the start of the step, for `decay_overlap`.
             begun = cable.work.measured[o, g, BEGUN][DISTANCE]
-            state.yielded[o, g, 2] = contact.reach[o] - begun
-            deep = where(fabs(contact.weight[g]), deep - state.yielded[o, g, 1], 0.0)
+            state.overlap[o, g, 2] = contact.reach[o] - begun
+            deep = where(fabs(contact.weight[g]), deep - state.overlap[o, g, 1], 0.0)
             deepest = where(deep - deepest, deep, deepest)
         if any_above(deepest - state.deepest[o]):
             for k in range(LANES):
                 state.deepest[o] = max(state.deepest[o], lane(deepest, k))
         settle_pose(state.pose[o], END)
-        settle_yielding(cable, o, 1)
-
-
-@piece(float64, CABLE, LINES, LINES, LINES, terms=CONTACT)
-def look(cable, x0, x1, spare):
-    """Find what the contact in an implicit step from x0 to x1 does, for `accept`; `spare` is
-    overwritten. Returns the number that changes with what touches and what slides.
-    """
-    found = add_force(cable, YES, NO, x0, x1, spare)
-    results = cable.work.results
-    results.contact_work, results.contact_loss, results.contact_deep = found[0], found[2], found[4]
-    results.contact_sane = 1.0 if found[3] else 0.0
-    return found[5]
+        settle_overlap(cable, o, 1)
 
 
 @piece(boolean, CABLE, LINES, terms=CONTACT)
-def accept(cable, change):
-    """Account for the contact in an implicit step by this change that converged, at whose end
-    `look` has looked.
+def validate(cable, change):
+    """Account for the contact in an implicit step by this change that converged, with the forces at
+    its end.
 
     Returns whether the step may stand: nothing passed through an obstacle, and all that came near
     one was looked at.
     """
     balance, results = cable.state.balance, cable.work.results
-    way = largest_way(cable, change) + balance.contact_carried
-    balance.contact_way += way
+    balance.contact_way += largest_way(cable, change) + balance.contact_carried
     if balance.contact_way > balance.contact_margin:
         balance.contact_margin = 0.0
         return False
-    if results.contact_sane == 0.0:
+    if results.contact_jumps > 0.0:
         return False
     balance.contact_deep += results.contact_deep
     balance.drive_work += results.contact_work
@@ -1344,10 +1035,10 @@ def report(address, obstacle, out):
     law, pose = contact.law[o], state.pose[o]
     for g in range(contact.begin[o], contact.end[o]):
         measure(cable, o, g, ENDED, state.x)
-        d, n, _, _ = measured(cable.work.measured[o, g, ENDED])
-        gap, z = d - contact.reach[o], vector_of(state.bristle[o, g])
-        f = combined(-law[STIFFNESS] * depth(gap + state.yielded[o, g, 1]), n, -law[BRISTLE], z)
-        f = combined(1.0, to_lines(pose, END, f), 1.0, vector_of(state.stopped[o, g]))
+        kept, z = cable.work.measured[o, g, ENDED], three(state.bristle[o, g], 0)
+        gap, n = kept[DISTANCE] - contact.reach[o], three(kept, NORMAL)
+        f = combined(-law[STIFFNESS] * depth(gap + state.overlap[o, g, 1]), n, -law[BRISTLE], z)
+        f = combined(1.0, to_lines(pose, END, f), 1.0, three(state.stopped[o, g], 0))
         f = scaled(contact.weight[g], f)
         for k in range(LANES):
             values[g, 4 * k], values[g, 4 * k + 1] = lane(gap, k), lane(f[0], k)

@@ -1,30 +1,26 @@
 """Friction that rolls a cable about its axis: its moment, and twist and shape in one matrix.
 
 A cable that twists in space turns about its axis by phi at a sample that touches, which friction
-sees as a motion - phi l of its surface with the lever l (`engine.contact`). With the trial force
-T0 at phi = 0 the friction of a step is
-    f = - min(1, mu p / |T|) T,   T = T0 - k_t phi l,
-and turns the cable by the moment m = - l.f per length. Its derivative is - l.H l, where H, minus
-the derivative of f by the motion of the surface, is positive semidefinite.
+sees as a motion - phi l of its surface with the lever l (`engine.contact`). It turns the cable by
+the moment m = - l.f per length, with the derivative - l.S l (`engine.contact_law`).
 
-`contact.add_force` leaves T0, l, mu p and its derivative at an iterate of the shape in
-`work.rolling`, with phi without the spin of the cable in this step. Then `methods.twist_step`
-solves for the twist with the moments, and at last `push_rolling` adds the friction.
+`contact.add_force` leaves the trial force at an iterate of the shape in `work.touch`, without the
+spin of the cable in this step. Then `methods.twist_step` solves for the twist with the moments, and
+at last `push_rolling` adds the friction.
 
 A sample that sticks ties the spin to the motion of the axis, as a wheel. Newton's method for the
-shape must know that the twist follows, so its matrix S = K - C D^-1 R is that of the shape with the
+shape must know that the twist follows, so its matrix K - C D^-1 R is that of the shape with the
 twist eliminated, with the matrix D of the twist and the couplings
-    C = - dF/dtheta = - H l,   R = - dm/dr = - l.(-df/dr).
+    C = - dF/dtheta = - S l,   R = - dm/dr = - l.(-df/dr).
 It is never formed: unknowns are ordered by control point, three of the shape and one of the twist,
-in a band, and the solution for a right-hand side (r, 0) is S^-1 r in the unknowns of the shape.
+in a band, and the solution for a right-hand side (r, 0) is that in the unknowns of the shape.
 """
 
 from __future__ import annotations
 
 from numba import boolean, void
 
-from dlo_sim.compiling.groups import load, store
-from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, where
+from dlo_sim.compiling.lanes import LANES, any_above, lane, lane_sum
 from dlo_sim.compiling.pieces import YES, part, piece
 from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, PADDING, ROLLING, VECTOR
 from dlo_sim.engine.band import (
@@ -39,74 +35,85 @@ from dlo_sim.engine.band import (
 from dlo_sim.engine.contact import (
     BRISTLE,
     END,
+    ENDED,
     FRICTION,
-    LEAN,
     LEVER,
-    LIMIT,
     MIDDLE,
+    PRESSURE,
+    SLOPE,
+    STICKS,
     STOP,
-    TINY,
+    TOWARD,
+    add_line,
+    block_of,
     clear_sums,
+    friction_at,
     push_line,
     push_samples,
-    rolling_trial,
-    scaled,
-    three,
+    take_sums,
     to_lines,
+    trial_at,
 )
-from dlo_sim.terms.vectors import combined, dot
+from dlo_sim.engine.contact_law import (
+    friction_jacobian,
+    held_share,
+    product,
+    product_from_left,
+    scaled,
+    with_product,
+)
+from dlo_sim.engine.shapes import NORMAL, three
+from dlo_sim.terms.vectors import dot
 
 FOUR = 4  # unknowns of a control point: three of the shape, one of the twist
 HALF = 4 * FOUR - 1  # half the bandwidth
 
 
 @part
-def rolling_friction(cable, o, g, change):
-    """T, the share of it that holds, |T|, l and k_t of the samples of a group."""
-    kept, k_t = cable.work.rolling[o, g], cable.contact.law[o, BRISTLE]
-    trial = rolling_trial(cable, o, g, change)
-    far, limit = sqrt(dot(trial, trial)) + TINY, kept[LIMIT]
-    return trial, where(limit - far, 1.0, limit / far), far, three(kept, LEVER), k_t
+def rubs(cable, o, g):
+    """Whether friction of obstacle o acts on any sample of a group."""
+    p = cable.work.touch[o, g, PRESSURE]
+    return cable.contact.law[o, FRICTION] > 0.0 and any_above(friction_at(cable, o, g) * p)
 
 
 @part
-def groups_near(cable, o):
-    """Number of groups of samples that may touch obstacle o with friction."""
-    return int(cable.state.near_count[o]) if cable.contact.law[o, FRICTION] > 0.0 else 0
+def friction_on(cable, o, g, change):
+    """Minus the friction on the samples of a group, for a `change` in the step."""
+    trial, p = trial_at(cable, o, g, change), cable.work.touch[o, g, PRESSURE]
+    share, _ = held_share(friction_at(cable, o, g) * p, trial)
+    return scaled(cable.contact.weight[g] * share, trial)
 
 
 @part
-def any_pressed(cable, o, g):
-    """Whether any sample of a group is pressed."""
-    return lane_sum(cable.work.rolling[o, g, LIMIT]) > 0.0
+def jacobian_of(cable, o, g, change):
+    """`friction_jacobian` of the samples of a group, for a `change` in the step."""
+    touch, mu = cable.work.touch[o, g], friction_at(cable, o, g)
+    trial, k_t = trial_at(cable, o, g, change), cable.contact.law[o, BRISTLE]
+    return friction_jacobian(k_t, mu, touch[PRESSURE], touch[SLOPE], three(touch, TOWARD), trial)
 
 
 @piece(void, CABLE, LINES, LINES, terms=ROLLING)
 def add_moments(cable, change, out):
     """out += moments of friction on the twist line, for a `change` in the step."""
     for o in range(cable.contact.count):
-        for k in range(groups_near(cable, o)):
+        for k in range(int(cable.state.near_count[o])):
             g = int(cable.state.near[o, k])
-            if any_pressed(cable, o, g):
-                trial, share, _, lever, _ = rolling_friction(cable, o, g, change)
-                moment = cable.contact.weight[g] * share * dot(lever, trial)
+            if rubs(cable, o, g):
+                lever = three(cable.work.touch[o, g], LEVER)
+                moment = dot(lever, friction_on(cable, o, g, change))
                 push_line(cable, g, cable.dim, moment, out)
 
 
 @piece(void, CABLE, LINES, LINES, terms=ROLLING)
 def add_stiffness(cable, change, matrix):
-    """Add l.H l to the matrix of the twist, its lower diagonals, entry (i + k, i) at [k, i]."""
-    contact = cable.contact
-    for o in range(contact.count):
-        for k in range(groups_near(cable, o)):
+    """Add l.S l to the matrix of the twist, its lower diagonals, entry (i + k, i) at [k, i]."""
+    for o in range(cable.contact.count):
+        for k in range(int(cable.state.near_count[o])):
             g = int(cable.state.near[o, k])
-            if not any_pressed(cable, o, g):
-                continue
-            trial, share, far, lever, stiff = rolling_friction(cable, o, g, change)
-            ahead = dot(lever, trial) / far
-            held = dot(lever, lever) - where(share - 1.0 + 1e-15, 0.0, ahead * ahead)
-            held = contact.weight[g] * share * stiff * held
-            add_to_twist(cable, g, held, matrix)
+            if rubs(cable, o, g):
+                lever = three(cable.work.touch[o, g], LEVER)
+                held = dot(lever, product(jacobian_of(cable, o, g, change)[0], lever))
+                add_to_twist(cable, g, cable.contact.weight[g] * held, matrix)
 
 
 @part
@@ -130,11 +137,10 @@ def add_to_twist(cable, g, held, matrix):
 def push_rolling(cable, change, out):
     """out += friction on the shape, which `contact.add_force` left out."""
     for o in range(cable.contact.count):
-        for k in range(groups_near(cable, o)):
+        for k in range(int(cable.state.near_count[o])):
             g = int(cable.state.near[o, k])
-            if any_pressed(cable, o, g):
-                trial, share, _, _, _ = rolling_friction(cable, o, g, change)
-                f = scaled(-cable.contact.weight[g] * share, trial)
+            if rubs(cable, o, g):
+                f = scaled(-1.0, friction_on(cable, o, g, change))
                 push_samples(cable, g, to_lines(cable.state.pose[o], MIDDLE, f), out)
 
 
@@ -145,38 +151,31 @@ def push_rolling(cable, change, out):
 def rolls(cable):
     """Whether any sample is pressed on an obstacle with friction."""
     for o in range(cable.contact.count):
-        for k in range(groups_near(cable, o)):
-            if any_pressed(cable, o, int(cable.state.near[o, k])):
+        for k in range(int(cable.state.near_count[o])):
+            if rubs(cable, o, int(cable.state.near[o, k])):
                 return True
     return False
 
 
 @piece(boolean, CABLE, LINES, LINES, LINES, boolean, terms=ROLLING)
-def eliminate_rolling(cable, pushed, kept, matrix, stops):
+def eliminate_rolling(cable, pushed, kept, matrix, impulses):
     """`work.rolling_band` = LU factors of the shape's `matrix`, of that of the twist, which is in
     `work.twist_matrix`, and of the couplings at the present iterate of a step; returns whether they
-    exist. `pushed`, `kept`: directions of the constraint rows, as of `band.hold`. `stops`: the
-    matrices and couplings are those of `contact.add_stops`.
+    exist. `pushed`, `kept`: directions of the constraint rows, as of `band.hold`. `impulses`: the
+    matrices and couplings are those of `contact.add_impulses`.
     """
-    band, sums, block = cable.work.rolling_band, cable.work.contact_sums, -1
+    band, block = cable.work.rolling_band, -1
     clear_band(band)
     copy_shape(cable, matrix, band)
     for o in range(cable.contact.count):
-        for k in range(groups_near(cable, o)):
+        for k in range(int(cable.state.near_count[o])):
             g = int(cable.state.near[o, k])
-            if not any_pressed(cable, o, g):
-                continue
-            # Groups of one block of spans, or samples of one span, have the same control points.
-            first = cable.contact.first[g] + (0 if g < cable.contact.coarse else cable.columns)
-            if first != block:
-                if block >= 0:
+            if rubs(cable, o, g):
+                here = block_of(cable, g)
+                if here != block and block >= 0:
                     add_couplings(cable, block, band)
-                clear_sums(sums)
-                block = first
-            if stops:
-                couple_stops(cable, o, g, sums)
-            else:
-                couple(cable, o, g, sums)
+                couple(cable, o, g, impulses)
+                block = here
     if block >= 0:
         add_couplings(cable, block, band)
     hold_couplings(cable, pushed, kept, band)
@@ -185,9 +184,9 @@ def eliminate_rolling(cable, pushed, kept, matrix, stops):
 
 
 @piece(boolean, CABLE, LINES, LINES, terms=ROLLING)
-def eliminate_stops(cable, directions, matrix):
-    """`eliminate_rolling` for the velocities after contact (`contact.add_stops`), with the `matrix`
-    of the shape.
+def eliminate_impulses(cable, directions, matrix):
+    """`eliminate_rolling` for the velocities after contact (`contact.add_impulses`), with the
+    `matrix` of the shape.
     """
     twist, mass = cable.work.twist_matrix, cable.linear.mass[1]
     for k in range(4):
@@ -195,19 +194,19 @@ def eliminate_stops(cable, directions, matrix):
             twist[k, i] = mass[3 + k, MARGIN + i]
     stiff = STOP * cable.contact.density
     for o in range(cable.contact.count):
-        for k in range(groups_near(cable, o)):
+        for k in range(int(cable.state.near_count[o])):
             g = int(cable.state.near[o, k])
-            if any_pressed(cable, o, g):
-                lever = three(cable.work.rolling[o, g], LEVER)
-                held = stiff * cable.work.stops[o, g, 0] * dot(lever, lever)
+            if rubs(cable, o, g):
+                lever = three(cable.work.touch[o, g], LEVER)
+                held = stiff * cable.work.impulses[o, g, STICKS] * dot(lever, lever)
                 add_to_twist(cable, g, cable.contact.weight[g] * held, twist)
     return eliminate_rolling(cable, directions, directions, matrix, YES)
 
 
 @piece(void, CABLE, LINES, VECTOR, LINES, terms=ROLLING)
-def substitute_stops(cable, push, solved, v):
-    """Solve with the factors of `eliminate_stops`: `solved` has the impulses on the shape, in the
-    frames of the clamps, and gets its velocities; `push` those on the twist, whose go to v.
+def substitute_impulses(cable, push, solved, v):
+    """Solve with the factors of `eliminate_impulses`: `solved` has the impulses on the shape, in
+    the frames of the clamps, and gets its velocities; `push` those on the twist, whose go to v.
     """
     side, line = cable.work.rolling_side, cable.dim
     for i in range(cable.n):
@@ -246,59 +245,42 @@ def copy_twist(cable, band):
 
 
 @part
-def couple(cable, o, g, sums):
-    """sums += couplings of the samples of a group, negative (`add_to_sums`)."""
-    kept, pose = cable.work.rolling[o, g], cable.state.pose[o]
-    trial, share, far, lever, whole = rolling_friction(cable, o, g, cable.work.change)
-    ahead, slides = scaled(1.0 / far, trial), where(share - 1.0 + 1e-15, 0.0, 1.0)
-    leans = slides * dot(ahead, lever)
-    both_ways = scaled(share * whole, combined(1.0, lever, -leans, ahead))  # H l
-    by_spin = to_lines(pose, MIDDLE, both_ways)
-    by_place = to_lines(pose, END, combined(1.0, both_ways, leans, three(kept, LEAN)))
-    add_to_sums(cable, g, by_spin, by_place, sums)
-
-
-@part
-def couple_stops(cable, o, g, sums):
-    """`couple` for the velocities after contact (`contact.add_stops`)."""
-    stiff = STOP * cable.contact.density * cable.work.stops[o, g, 0]
-    by_spin = scaled(stiff, three(cable.work.rolling[o, g], LEVER))
-    by_spin = to_lines(cable.state.pose[o], END, by_spin)
-    add_to_sums(cable, g, by_spin, by_spin, sums)
-
-
-@part
-def add_to_sums(cable, g, by_spin, by_place, sums):
-    """sums += six rows for each pair of control points of the samples of a group: the dependence
-    of the equations of the shape on the spin, and of that of the twist on the places.
+def couple(cable, o, g, impulses):
+    """`work.contact_sums` += couplings of the samples of a group, negative: two lines of the
+    dependence of the equations of the shape on the spin, and of that of the twist on the places.
     """
-    e, w, at = cable.contact.basis[g], cable.contact.weight[g], 0
-    for one in range(4):
-        for other in range(one, 4):
-            both = e[one] * e[other] * w
-            for d in range(3):
-                store(sums, at + d, 0, load(sums, at + d, 0) + both * by_spin[d])
-                store(sums, at + 3 + d, 0, load(sums, at + 3 + d, 0) + both * by_place[d])
-            at += 6
+    pose, lever = cable.state.pose[o], three(cable.work.touch[o, g], LEVER)
+    w, e, sums = cable.contact.weight[g], cable.contact.basis[g], cable.work.contact_sums
+    if impulses:
+        stiff = STOP * cable.contact.density * cable.work.impulses[o, g, STICKS]
+        by_spin = to_lines(pose, END, scaled(w * stiff, lever))
+        by_place = by_spin
+    else:
+        s, lean = jacobian_of(cable, o, g, cable.work.change)
+        by_spin = to_lines(pose, MIDDLE, scaled(w, product(s, lever)))
+        s = with_product(s, lean, three(cable.work.measured[o, g, ENDED], NORMAL))
+        by_place = to_lines(pose, END, scaled(w, product_from_left(lever, s)))
+    add_line(sums, e, 3, 2, 0, by_spin)
+    add_line(sums, e, 3, 2, 1, by_place)
 
 
 @part
 def add_couplings(cable, block, band):
-    """band -= the sums of `couple`, by lane of spans of a block, or all of a span."""
-    sums, fine = cable.work.contact_sums, block >= cable.columns
-    first = block - MARGIN - (cable.columns if fine else 0)
-    for lane_ in range(LANES):
-        begin, at = first + (0 if fine else lane_), 0
-        if begin > cable.n - 4:
-            break
+    """band -= the sums of `couple` of a block, which then has none."""
+    sums = cable.work.contact_sums
+    first, spans = take_sums(cable, block)
+    for span in range(spans):
+        row = 0
         for one in range(4):
             for other in range(one, 4):
                 for d in range(3):
-                    on_shape, on_twist = sums[at + d, lane_], sums[at + 3 + d, lane_]
-                    add_coupling(begin + one, begin + other, d, on_shape, on_twist, band)
+                    on_shape, on_twist = sums[row + d, span], sums[row + 3 + d, span]
+                    i, j = first + span + one, first + span + other
+                    add_coupling(i, j, d, on_shape, on_twist, band)
                     if other > one:
-                        add_coupling(begin + other, begin + one, d, on_shape, on_twist, band)
-                at += 6
+                        add_coupling(j, i, d, on_shape, on_twist, band)
+                row += 6
+    clear_sums(cable)
 
 
 @part

@@ -16,9 +16,9 @@ material points, with the shares 1 - c and c, and m in the middle of the step. B
 line between two points, equal and opposite: pressure changes neither momentum nor angular momentum,
 and its energy is exact.
 
-Pressure, bristles and losses are those of `engine.contact`, per length of segment, with the
+Pressure, bristles and losses are those of `engine.contact_law`, per length of segment, with the
 displacement dy = (1 - c) (change of m at s0, t0) + c (that at s1, t1) and the normal of the
-discrete gradient; no part of the loss is negative. Friction acts on the axes of the strands: its
+discrete gradient. Friction acts on the axes of the strands: its
 moment about the point of contact, which would roll both about themselves, is left out, so friction
 alone does not keep the angular momentum. When a contact goes over to the next segment, its
 bristle, of the length of the penetration times mu, begins anew; its energy is lost.
@@ -26,12 +26,12 @@ bristle, of the length of the penetration times mu, begins anew; its energy is l
 Where the contact goes over, two pairs share the pressure: for a moment it is up to twice as stiff.
 
 **Strands that overlap** when a run begins would fling each other out. They touch with a diameter
-that is less by as much as they overlap and grows back at the speed RETURN, as the reach of an
-obstacle that yields (`engine.contact`). The gap then changes by the growth, too, and p times the
+that is less by as much as they overlap and grows back at the speed RETURN, as the reach of
+obstacles does (`engine.contact`). The gap then changes by the growth, too, and p times the
 growth is the work that it does.
 
 **Crossing.** Control points move straight from the start of a step to its end. A step in which two
-segments would pass through each other is not accepted (`sane`), so that the chain keeps its knots.
+segments would pass through each other is not valid (`validate`), so that the chain keeps its knots.
 
 **Broad phase.** Pairs of spans that may come near are found for many steps at once (`find_near`):
 neither far apart, nor of one stretch without sharp bends. Pairs of segments are found in each step
@@ -45,10 +45,11 @@ from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import grid, load, store
 from dlo_sim.compiling.lanes import LANES, fabs, lane, lane_sum, sqrt, where, zero
-from dlo_sim.compiling.pieces import ARRAY_2D, NO, YES, part, piece
+from dlo_sim.compiling.pieces import ARRAY_2D, YES, part, piece
 from dlo_sim.engine.arrays import CABLE, IN_SKYLINE, LINES, MARGIN, SELF, TOUCHING, VECTOR, cable_at
 from dlo_sim.engine.band import clear_held, turn_vector
-from dlo_sim.engine.contact import RETURN, TINY, friction, scaled, sign
+from dlo_sim.engine.contact import RETURN
+from dlo_sim.engine.contact_law import TINY, friction, friction_jacobian, pressure, scaled
 from dlo_sim.engine.skyline import add_entry, begin_skyline, open_skyline, reach_to
 from dlo_sim.terms.one_sided import depth
 from dlo_sim.terms.vectors import combined, cross, dot
@@ -74,41 +75,13 @@ FAR = 1e3  # [m] between the segments of lanes without a pair
 # Rows of `Work.pair_ends`: both ends of both segments at the start and at the end of a step, r of
 # both, length.
 BEGUN, ENDED, BLUNT_A, BLUNT_B, LONG = 0, 12, 24, 25, 26
-# Rows of `Work.pair_law`: s0, t0, s1, t1, c, n (3), m1 / |m1| (3), direction of sliding (3); minus
-# derivatives of the force of a pair: along n by the gap, of friction across n, along the sliding by
-# the gap, and what of the second is lost along the sliding; whether the step may have crossed.
-AT, NORMAL, LAST, SLIDING, PUSH, HOLD, LEAN, GONE, PASSED = 0, 5, 8, 11, 14, 15, 16, 17, 18
+# Rows of `Work.pair_law`: s0, t0, s1, t1, c; minus derivatives of the force of a pair, by rows (9),
+# by the motion of m at s1, t1, which changes the gap, and by that at the mean shares, against which
+# friction holds; the pressure; whether the step may have crossed.
+AT, BY_GAP, BY_SLIP, PRESSURE, PASSED = 0, 5, 14, 23, 24
 
 
 # -- the chain -----------------------------------------------------------------------------------
-
-
-@part
-def span_points(cable, x, b):
-    """The four control points of every span of a block."""
-    at, none = MARGIN + LANES * b, zero()
-    if cable.dim == 3:
-        return (
-            (load(x, 0, at), load(x, 1, at), load(x, 2, at)),
-            (load(x, 0, at + 1), load(x, 1, at + 1), load(x, 2, at + 1)),
-            (load(x, 0, at + 2), load(x, 1, at + 2), load(x, 2, at + 2)),
-            (load(x, 0, at + 3), load(x, 1, at + 3), load(x, 2, at + 3)),
-        )
-    return (
-        (load(x, 0, at), load(x, 1, at), none),
-        (load(x, 0, at + 1), load(x, 1, at + 1), none),
-        (load(x, 0, at + 2), load(x, 1, at + 2), none),
-        (load(x, 0, at + 3), load(x, 1, at + 3), none),
-    )
-
-
-@part
-def add_to_point(cable, at, f, out):
-    """out += forces on one control point of every span of a block."""
-    store(out, 0, at, load(out, 0, at) + f[0])
-    store(out, 1, at, load(out, 1, at) + f[1])
-    if cable.dim == 3:
-        store(out, 2, at, load(out, 2, at) + f[2])
 
 
 @part
@@ -116,11 +89,12 @@ def place_corners(cable, x):
     """Set `work.corner` to the corners of all spans."""
     corner, chain = cable.work.corner, cable.chain
     for b in range(cable.blocks):
-        q = span_points(cable, x, b)
+        at = MARGIN + LANES * b
         for j in range(chain.segments + 1):
             e = chain.basis[b, j]
-            for d in range(3):
-                value = e[0] * q[0][d] + e[1] * q[1][d] + (e[2] * q[2][d] + e[3] * q[3][d])
+            for d in range(cable.dim):
+                value = e[0] * load(x, d, at) + e[1] * load(x, d, at + 1)
+                value += e[2] * load(x, d, at + 2) + e[3] * load(x, d, at + 3)
                 store(corner, 3 * j + d, LANES * b, value)
 
 
@@ -222,52 +196,18 @@ def nearest(segments, blunt):
     return s, t, smoothed(segments, s, t, blunt)
 
 
-@part
-def only(condition, v):
-    """v on the lanes where the condition is above 0, else zero."""
-    return where(condition, v[0], 0.0), where(condition, v[1], 0.0), where(condition, v[2], 0.0)
-
-
 # -- forces and energy ---------------------------------------------------------------------------
 
 
 @part
-def law_of_step(cable, rate, most):
-    """Contact stiffness, damping c / tau, k_t, k_t + c_t / tau up to `most`."""
-    law = cable.chain.law
-    whole = min(law[BRISTLE] + law[BRISTLE_DAMPING] * rate, most) + TINY
-    return law[STIFFNESS], law[DAMPING] * rate, law[BRISTLE], whole
-
-
-@part
-def pressed(k, c, g0, g1):
-    """p_el, p, dp/dg1 for gaps before and after; `c`: damping over the length of the step."""
-    deep, inverse = depth(g0) + depth(g1), 1.0 / (fabs(g0) + fabs(g1) + TINY)
-    share = -deep * inverse
-    elastic = -0.5 * k * deep * share
-    p = elastic - c * share * (g1 - g0)
-    up = sign(g1)
-    slope = -0.5 * k * share * (1.0 - up + share * up) - c * share
-    slope += c * (g1 - g0) * inverse * (0.5 * (1.0 - up) + share * up)
-    p, slope = where(p, p, 0.0), where(p, slope, 0.0)
-    return elastic, p, slope
-
-
-@part
-def may_pass(ends, p, square0, square1, blunt):
+def may_pass(before, after, square0, square1, blunt):
     """1 where two segments may pass through each other in a step: the motion of an end of one
     relative to one of the other is as long as the sum of the distances at both ends of the step.
     """
     most, excess = zero(), 0.25 * (blunt[0] + blunt[1])
     for i in range(2):
         for j in range(2):
-            one = combined(
-                1.0, loaded(ends, ENDED + 3 * i, p), -1.0, loaded(ends, BEGUN + 3 * i, p)
-            )
-            other = combined(
-                1.0, loaded(ends, ENDED + 6 + 3 * j, p), -1.0, loaded(ends, BEGUN + 6 + 3 * j, p)
-            )
-            way = combined(1.0, one, -1.0, other)
+            way = combined(1.0, between(after, i, j), -1.0, between(before, i, j))
             most = where(dot(way, way) - most, dot(way, way), most)
     near0, near1 = square0 - excess, square1 - excess
     room = sqrt(where(near0, near0, 0.0)) + sqrt(where(near1, near1, 0.0))
@@ -277,13 +217,13 @@ def may_pass(ends, p, square0, square1, blunt):
 @part
 def spread_forces(cable, count, out):
     """out += `work.pair_force`."""
-    work, chain, none = cable.work, cable.chain, (zero(), zero(), zero())
+    work, chain = cable.work, cable.chain
     push, forces = work.corner_push, work.pair_force
     for j in range(push.shape[0]):
         for c in range(0, push.shape[1], LANES):
             store(push, j, c, 0.0)
     for p in range(count):
-        if work.pair_law[PUSH, p] != 0.0 or work.pair_law[HOLD, p] != 0.0:
+        if work.pair_law[PRESSURE, p] > 0.0:
             a, b, i, j = pair_of(cable, cable.state.pair[0, p])
             for k in range(6):
                 push[3 * i + k, a] += forces[k, p]
@@ -291,46 +231,38 @@ def spread_forces(cable, count, out):
     for b in range(cable.blocks):
         if work.beside[b] == 0.0:
             continue
-        g0, g1, g2, g3 = none, none, none, none
-        for j in range(chain.segments + 1):
-            f, e = loaded(push, 3 * j, LANES * b), chain.basis[b, j]
-            g0, g1 = combined(1.0, g0, e[0], f), combined(1.0, g1, e[1], f)
-            g2, g3 = combined(1.0, g2, e[2], f), combined(1.0, g3, e[3], f)
-        at = MARGIN + LANES * b
-        add_to_point(cable, at, g0, out)
-        add_to_point(cable, at + 1, g1, out)
-        add_to_point(cable, at + 2, g2, out)
-        add_to_point(cable, at + 3, g3, out)
+        for d in range(cable.dim):
+            for k in range(4):
+                value = load(out, d, MARGIN + LANES * b + k)
+                for j in range(chain.segments + 1):
+                    value += chain.basis[b, j][k] * load(push, 3 * j + d, LANES * b)
+                store(out, d, MARGIN + LANES * b + k, value)
 
 
-@piece(
-    *(void, CABLE, float64, float64, float64, boolean),
-    *(LINES, LINES),
-    terms=SELF,
-)
-def add_force(cable, springs, rate, most, rubs, x1, out):
-    """out += contact force of a step from the configuration of `start_pairs` to x1; the bristles at
-    its end go to `work.pair_trial`, what a matrix needs to `work.pair_law`.
+@piece(void, CABLE, float64, LINES, LINES, terms=SELF)
+def add_force(cable, rate, x1, out):
+    """out += contact force of a step from the configuration with which it began to x1; the bristles
+    at its end go to `work.pair_trial`, what a matrix needs to `work.pair_law`.
 
     Args:
-        springs: factor of the elastic pressure, 1 or 0. rate: 1 / tau, 0 for the elastic pressure
-            at x1 alone. most: bound of k_t + c_t / tau. rubs: whether there is friction.
+        rate: 1 / tau; 0 for the elastic pressure at x1 alone.
     """
     chain, state, work = cable.chain, cable.state, cable.work
     count, balance = int(state.balance.pairs), state.balance
     if count == 0:
         return
-    thick0 = chain.diameter - balance.pair_yield
-    thick1 = chain.diameter - balance.pair_yield_end if rate > 0.0 else thick0
-    ends, kept_law, trial_z = work.pair_ends, work.pair_law, work.pair_trial
-    k, c, k_t, whole = law_of_step(cable, rate, most)
-    stiff, rubbed = (k_t, whole), rubs and chain.law[FRICTION] > 0.0
+    thick0 = chain.diameter - balance.pair_overlap
+    thick1 = chain.diameter - balance.pair_overlap_end if rate > 0.0 else thick0
+    ends, kept, forces, law = work.pair_ends, work.pair_law, work.pair_force, chain.law
+    k_t, mu = law[BRISTLE], law[FRICTION]
+    whole = k_t + law[BRISTLE_DAMPING] * rate + TINY
     place_corners(cable, x1)
     if rate == 0.0:
         lengths_of_pairs(cable)
     gather(cable, ENDED)
-    forces, begun = work.pair_force, BEGUN if rate > 0.0 else ENDED
-    worked, lost = zero(), zero()
+    begun = BEGUN if rate > 0.0 else ENDED
+    worked, lost, none = zero(), zero(), zero()
+    still = none, none, none
     for p in range(0, count, LANES):
         blunt = load(ends, BLUNT_A, p), load(ends, BLUNT_B, p)
         wide = load(ends, LONG, p)
@@ -350,52 +282,34 @@ def add_force(cable, springs, rate, most, rubs, x1, out):
         near_after, far_before = between(after, s0, t0), between(before, s1, t1)
         toward = combined(one, near, one, near_after), combined(one, far_before, one, far)
         n = combined(1.0 - share, toward[0], share, toward[1])
-        gap0, gap1 = d0 - thick0, d1 - thick1
-        elastic, pressure, slope = pressed(k, c, gap0, gap1)
-        lost += wide * (pressure - elastic) * (gap0 - gap1)
-        push = pressure - (1.0 - springs) * elastic
+        damped = law[DAMPING] * rate + none
+        push, slope, loss = pressure(law[STIFFNESS], damped, none, d0 - thick0, d1 - thick1)
+        lost += wide * loss
         worked += wide * push * (thick1 - thick0)
         first, last = scaled((1.0 - share) * push, toward[0]), scaled(share * push, toward[1])
-        hold = lean = gone = zero()
-        way = n
-        if rubbed:
-            z = load(state.pair, 1, p), load(state.pair, 2, p), load(state.pair, 3, p)
+        by_slip, along = (still, still, still), scaled(-slope, n)
+        if rate > 0.0 and mu > 0.0:
             one_way = combined(1.0, near_after, -1.0, near)
             other_way = combined(1.0, far, -1.0, far_before)
-            dy = combined(1.0 - share, one_way, share, other_way)
-            limit = chain.law[FRICTION] * pressure
-            trial, holds, size, held, slip = friction(stiff, limit, n, dy, z)
-            holds = where(pressure, holds, 0.0)
-            rubbing = scaled(-holds, trial)
-            first = combined(1.0, first, 1.0 - share, rubbing)
-            last = combined(1.0, last, share, rubbing)
-            z1 = scaled(1.0 / whole, combined(whole - k_t, held, holds, trial))
-            z1 = only(pressure, z1)
-            change = combined(1.0, z1, -1.0, held)
-            slid = combined(1.0, combined(1.0, held, 1.0, slip), -1.0, z1)
-            full = dot(z, z)
-            loss = (0.5 * k_t + whole - k_t) * dot(change, change)
-            loss += 0.5 * k_t * (full - dot(held, held)) + holds * dot(trial, slid)
-            lost += wide * where(pressure, loss, 0.5 * k_t * full)
+            dy, z = combined(1.0 - share, one_way, share, other_way), loaded(state.pair, 1, p)
+            trial, holds, z1, loss = friction(k_t, whole, mu, push, n, dy, z)
+            lost += wide * loss
+            first = combined(1.0, first, (share - 1.0) * holds, trial)
+            last = combined(1.0, last, -share * holds, trial)
             for d in range(3):
-                store(trial_z, d, p, z1[d])
-            slides = where(holds - 1.0 + 1e-15, 0.0, 1.0) * where(pressure, 1.0, 0.0)
-            way = scaled(1.0 / size, trial)
-            hold = holds * whole
-            lean, gone = chain.law[FRICTION] * slides * slope, hold * slides
+                store(work.pair_trial, d, p, z1[d])
+            by_slip, lean = friction_jacobian(whole, mu, push, slope, n, trial)
+            along = combined(1.0, along, 1.0, lean)
+        unit = scaled(wide / (d1 + TINY), far)
         rows = s0, t0, s1, t1, share
         for d in range(5):
-            store(kept_law, AT + d, p, rows[d])
-        unit = scaled(1.0 / (d1 + TINY), far)
+            store(kept, AT + d, p, rows[d])
         for d in range(3):
-            store(kept_law, NORMAL + d, p, n[d])
-            store(kept_law, LAST + d, p, unit[d])
-            store(kept_law, SLIDING + d, p, way[d])
-        store(kept_law, PUSH, p, -wide * slope)
-        store(kept_law, HOLD, p, wide * hold)
-        store(kept_law, LEAN, p, wide * lean)
-        store(kept_law, GONE, p, wide * gone)
-        store(kept_law, PASSED, p, may_pass(ends, p, square0, square1, blunt))
+            for e in range(3):
+                store(kept, BY_GAP + 3 * d + e, p, along[d] * unit[e])
+                store(kept, BY_SLIP + 3 * d + e, p, wide * by_slip[d][e])
+        store(kept, PRESSURE, p, wide * push)
+        store(kept, PASSED, p, may_pass(before, after, square0, square1, blunt))
         first, last = scaled(wide, first), scaled(wide, last)
         for d in range(3):
             store(forces, d, p, (1.0 - s0) * first[d] + (1.0 - s1) * last[d])
@@ -404,12 +318,6 @@ def add_force(cable, springs, rate, most, rubs, x1, out):
             store(forces, 9 + d, p, -(t0 * first[d] + t1 * last[d]))
     spread_forces(cable, count, out)
     work.results.pair_work, work.results.pair_loss = lane_sum(worked), lane_sum(lost)
-
-
-@part
-def add_elastic_force(cable, x, out):
-    """out += elastic pressure at one configuration."""
-    add_force(cable, 1.0, 0.0, 0.0, NO, x, out)
 
 
 @piece(void, CABLE, LINES, VECTOR, terms=SELF)
@@ -425,8 +333,8 @@ def energy(cable, x, out):
     for p in range(0, count, LANES):
         blunt = load(ends, BLUNT_A, p), load(ends, BLUNT_B, p)
         _, _, square = nearest(segments_at(ends, ENDED, p), blunt)
-        deep = depth(sqrt(square) - (chain.diameter - state.balance.pair_yield))
-        z = load(state.pair, 1, p), load(state.pair, 2, p), load(state.pair, 3, p)
+        deep = depth(sqrt(square) - (chain.diameter - state.balance.pair_overlap))
+        z = loaded(state.pair, 1, p)
         stored = chain.law[STIFFNESS] * deep * deep + chain.law[BRISTLE] * dot(z, z)
         sum_ += 0.5 * load(ends, LONG, p) * stored
     out[TOUCHING] += lane_sum(sum_)
@@ -444,14 +352,10 @@ def fill_side(cable, directions, p, a, b, s, t, first):
     work, chain, dim = cable.work, cable.chain, cable.dim
     _, _, i, j = pair_of(cable, cable.state.pair[0, p])
     spare, at, side = work.step, work.pair_at, work.pair_side
-    begin, count = max(b, a + 4), 0
-    for c in range(a, a + 4):
-        for d in range(dim):
-            at[count] = c * dim + d
-            count += 1
-    for c in range(begin, b + 4):
-        for d in range(dim):
-            at[count] = c * dim + d
+    count = 0
+    for r in range(a * dim, (b + 4) * dim):
+        if r < (a + 4) * dim or r >= b * dim:
+            at[count] = r
             count += 1
     for line in range(dim):
         for k in range(count):
@@ -482,7 +386,7 @@ def couple(cable, pushed, kept, band):
     count, pressing = int(cable.state.balance.pairs), 0
     begin_skyline(cable)
     for p in range(count):
-        if law[PUSH, p] != 0.0 or law[HOLD, p] != 0.0:
+        if law[PRESSURE, p] > 0.0:
             a, b, _, _ = pair_of(cable, cable.state.pair[0, p])
             reach_to(cable, a, b)
             pressing += 1
@@ -491,7 +395,7 @@ def couple(cable, pushed, kept, band):
     for r in range(len(work.step)):
         work.step[r] = 0.0
     for p in range(count):
-        if law[PUSH, p] != 0.0 or law[HOLD, p] != 0.0:
+        if law[PRESSURE, p] > 0.0:
             add_pair(cable, pushed, kept, p)
     work.results.coupled = IN_SKYLINE
 
@@ -499,13 +403,8 @@ def couple(cable, pushed, kept, band):
 @part
 def add_pair(cable, pushed, kept, p):
     """Add minus the Jacobian of pair p to the skyline."""
-    work, law, side, at, dim = (
-        cable.work,
-        cable.work.pair_law,
-        cable.work.pair_side,
-        cable.work.pair_at,
-        cable.dim,
-    )
+    work, dim = cable.work, cable.dim
+    law, side, at = work.pair_law, work.pair_side, work.pair_at
     a, b, _, _ = pair_of(cable, cable.state.pair[0, p])
     c = law[AT + 4, p]
     s, t = law[AT, p], law[AT + 1, p]
@@ -514,20 +413,13 @@ def add_pair(cable, pushed, kept, p):
     fill_side(cable, pushed, p, a, b, mean_s, mean_t, 0)
     fill_side(cable, kept, p, a, b, last_s, last_t, 3)
     size = fill_side(cable, kept, p, a, b, mean_s, mean_t, 6)
-    n = law[NORMAL, p], law[NORMAL + 1, p], law[NORMAL + 2, p]
-    m = law[LAST, p], law[LAST + 1, p], law[LAST + 2, p]
-    way = law[SLIDING, p], law[SLIDING + 1, p], law[SLIDING + 2, p]
-    push, hold, lean, gone = law[PUSH, p], law[HOLD, p], law[LEAN, p], law[GONE, p]
-    flat = hold / (dot(n, n) + TINY)
     for k in range(size):
-        by_gap = by_n = by_way = 0.0
         for d in range(dim):
-            by_gap += m[d] * side[3 + d, k]
-            by_n += n[d] * side[6 + d, k]
-            by_way += way[d] * side[6 + d, k]
-        for d in range(dim):
-            value = (push * n[d] + lean * way[d]) * by_gap + hold * side[6 + d, k]
-            side[9 + d, k] = value - flat * n[d] * by_n - gone * way[d] * by_way
+            value, row = 0.0, 3 * d
+            for e in range(dim):
+                value += law[BY_GAP + row + e, p] * side[3 + e, k]
+                value += law[BY_SLIP + row + e, p] * side[6 + e, k]
+            side[9 + d, k] = value
     for k in range(size):
         for r in range(size):
             value = 0.0
@@ -560,20 +452,22 @@ def motion(cable, x0, x1):
 
 
 @part
-def hull(cable, x, b):
-    """Centre of the control points of span b, and the distance of the farthest of them."""
-    first, square = MARGIN + b, 0.0
-    c0 = 0.25 * (x[0, first] + x[0, first + 1] + x[0, first + 2] + x[0, first + 3])
-    c1 = 0.25 * (x[1, first] + x[1, first + 1] + x[1, first + 2] + x[1, first + 3])
-    c2 = 0.0
-    if cable.dim == 3:
-        c2 = 0.25 * (x[2, first] + x[2, first + 1] + x[2, first + 2] + x[2, first + 3])
-    for c in range(first, first + 4):
-        far = (x[0, c] - c0) ** 2 + (x[1, c] - c1) ** 2
-        if cable.dim == 3:
-            far += (x[2, c] - c2) ** 2
+def middle_of(cable, x, b, d):
+    """One line of the mean of the control points of span b."""
+    c = MARGIN + b
+    return 0.25 * (x[d, c] + x[d, c + 1] + x[d, c + 2] + x[d, c + 3])
+
+
+@part
+def size_of(cable, x, b):
+    """Distance of the farthest control point of span b from their mean."""
+    square = 0.0
+    for c in range(MARGIN + b, MARGIN + b + 4):
+        far = 0.0
+        for d in range(cable.dim):
+            far += (x[d, c] - middle_of(cable, x, b, d)) ** 2
         square = max(square, far)
-    return c0, c1, c2, np.sqrt(square)
+    return np.sqrt(square)
 
 
 @part
@@ -599,7 +493,7 @@ def find_near(cable, x, margin):
     for a in range(spans):
         if chain.length[a] == 0.0:
             continue
-        a0, a1, a2, size = hull(cable, x, a)
+        size = size_of(cable, x, a)
         straight = not (folds or leaves_cone(cable, x, MARGIN + a + 1, MARGIN + a))
         straight = straight and not leaves_cone(cable, x, MARGIN + a + 1, MARGIN + a + 2)
         for b in range(a, spans):
@@ -607,9 +501,10 @@ def find_near(cable, x, margin):
                 straight = not leaves_cone(cable, x, MARGIN + a + 1, MARGIN + b + 2)
             if straight or chain.length[b] == 0.0:
                 continue
-            b0, b1, b2, other = hull(cable, x, b)
-            room = size + other + chain.diameter + 2.0 * margin
-            if (a0 - b0) ** 2 + (a1 - b1) ** 2 + (a2 - b2) ** 2 > room * room:
+            room, square = size + size_of(cable, x, b) + chain.diameter + 2.0 * margin, 0.0
+            for d in range(cable.dim):
+                square += (middle_of(cable, x, a, d) - middle_of(cable, x, b, d)) ** 2
+            if square > room * room:
                 continue
             if count == most:
                 cable.work.results.pairs_beyond += 1.0
@@ -643,7 +538,7 @@ def apart_at(corner, segments, a, b):
 
 
 @part
-def drop(cable, p):
+def release(cable, p):
     """Count the energy of the bristle of a pair that left its contact as lost."""
     pair, chain = cable.state.pair, cable.chain
     a, b, _, _ = pair_of(cable, pair[0, p])
@@ -689,7 +584,7 @@ def find_pairs(cable, x, change):
                     continue
                 key = key_of(cable, a, b, i, j)
                 while seen < old and state.pair[0, seen] < key:
-                    drop(cable, seen)
+                    release(cable, seen)
                     seen += 1
                 fresh[0, count] = key
                 known = seen < old and state.pair[0, seen] == key
@@ -698,7 +593,7 @@ def find_pairs(cable, x, change):
                 seen += 1 if known else 0
                 count += 1
     for p in range(seen, old):
-        drop(cable, p)
+        release(cable, p)
     for p in range(count):
         for d in range(4):
             state.pair[d, p] = fresh[d, p]
@@ -713,7 +608,7 @@ def begin(cable, tau, x0, x1, change):
     may touch.
     """
     balance = cable.state.balance
-    balance.pair_yield_end = max(balance.pair_yield - RETURN * tau, 0.0)
+    balance.pair_overlap_end = max(balance.pair_overlap - RETURN * tau, 0.0)
     way, turn = motion(cable, x0, x1)
     way = ROOM * way + 0.1 * LEAST * cable.chain.diameter
     cable.work.results.pairs_beyond = 0.0
@@ -727,7 +622,7 @@ def begin(cable, tau, x0, x1, change):
 
 
 @piece(void, int64, terms=SELF)
-def look(address):
+def reset(address):
     """Find what touches at the present configuration, from which a run begins."""
     cable = cable_at(address)
     x, change, balance = cable.state.x, cable.work.change, cable.state.balance
@@ -742,12 +637,12 @@ def look(address):
 
 
 @part
-def looked_at_all(cable, x0, x1, change, folds):
+def looked_at_all(cable, folds):
     """Whether the motion of a step was not longer than its pairs allow for. `folds`: one that folds
     the cable is repeated with all pairs of spans.
     """
-    balance, spans = cable.state.balance, cable.n - 3
-    way, turn = motion(cable, x0, x1)
+    balance, spans, change = cable.state.balance, cable.n - 3, cable.work.change
+    way, turn = motion(cable, cable.work.start, cable.state.x)
     if turn > FOLD and balance.near_fold == 0.0:
         balance.near_fold = 1.0 if folds else 0.0
         return False
@@ -852,15 +747,15 @@ def too_many(cable, level, left):
     return cable.work.results.pairs_beyond > 0.0 and level < LAST_HALVINGS and left > 0
 
 
-@piece(boolean, CABLE, float64, LINES, LINES, LINES, int64, int64, terms=SELF)
-def sane(cable, tau, x0, x1, change, level, left):
-    """Whether a converged step of length tau from x0 to x1 = x0 + change may stand: all that came
+@piece(boolean, CABLE, float64, int64, int64, terms=SELF)
+def validate(cable, tau, level, left):
+    """Whether a converged step of length tau may stand: all that came
     near was looked at, and nothing passed through itself; or it is counted, since the step was
     halved `level` times, and can be only `left` times more.
     """
     last = level >= LAST_HALVINGS or left == 0
     beyond = cable.work.results.pairs_beyond
-    if not looked_at_all(cable, x0, x1, change, level >= FOLD_HALVINGS):
+    if not looked_at_all(cable, level >= FOLD_HALVINGS):
         if left > 0:
             return False
         beyond += 1.0
@@ -868,7 +763,7 @@ def sane(cable, tau, x0, x1, change, level, left):
     work, count = cable.work, int(cable.state.balance.pairs)
     if count == 0:
         return True
-    add_force(cable, 1.0, 1.0 / tau, np.inf, YES, x1, work.rate)
+    add_force(cable, 1.0 / tau, cable.state.x, work.rate)
     for p in range(count):
         if work.pair_law[PASSED, p] > 0.0 and crosses(cable, p):
             if not last:
@@ -879,10 +774,10 @@ def sane(cable, tau, x0, x1, change, level, left):
 
 
 @part
-def keep(cable):
-    """Account for a step that was `sane`, and keep its bristles."""
+def commit(cable):
+    """Account for a step that was found valid, and keep its bristles."""
     state, count = cable.state, int(cable.state.balance.pairs)
-    state.balance.pair_yield = state.balance.pair_yield_end
+    state.balance.pair_overlap = state.balance.pair_overlap_end
     if state.balance.near_fold > 0.0:  # the next step looks anew, and leaves out what is straight
         state.balance.near_fold = state.balance.near_margin = 0.0
     if count == 0:
@@ -914,8 +809,8 @@ def report(address, out):
         s, t, square = nearest(segments, blunt)
         far = sqrt(square)
         gap, wide = far - chain.diameter, load(ends, LONG, p)
-        deep = depth(gap + cable.state.balance.pair_yield)
-        z = load(pair, 1, p), load(pair, 2, p), load(pair, 3, p)
+        deep = depth(gap + cable.state.balance.pair_overlap)
+        z = loaded(pair, 1, p)
         push = -chain.law[STIFFNESS] * deep
         f = combined(push / (far + TINY), between(segments, s, t), -chain.law[BRISTLE], z)
         for k in range(min(LANES, values.shape[0] - p)):

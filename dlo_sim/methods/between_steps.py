@@ -178,7 +178,8 @@ def stiffness(address, predicted):
     clear_band(band)
     discrete_jacobian(cable, x, x, 0.0, 2.0, band)
     if cable.terms & CONTACT:
-        contact.add_tangent(cable, NO, x, x, 2.0, band)
+        contact.add_force(cable, NO, NO, x, cable.work.rate)
+        contact.add_tangent(cable, NO, 2.0, band)
     add_springs(cable, 1.0, band)
     slide_tangent(cable, NO, x, x, 2.0, band)
 

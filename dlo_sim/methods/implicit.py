@@ -89,7 +89,12 @@ from dlo_sim.engine.lines import (
     kinetic,
 )
 from dlo_sim.engine.loads import add_load_stiffness, load_force
-from dlo_sim.engine.rolling import eliminate_rolling, eliminate_stops, rolls, substitute_stops
+from dlo_sim.engine.rolling import (
+    eliminate_impulses,
+    eliminate_rolling,
+    rolls,
+    substitute_impulses,
+)
 from dlo_sim.engine.rows import (
     add_shifts,
     add_velocity_of_held,
@@ -332,7 +337,7 @@ def undo_step(cable):
     restore_anchors(cable)
     settle_slides(cable, START, END)
     if cable.terms & CONTACT:
-        contact.undo(cable)
+        contact.reset(cable)
     state.balance.known = 0.0
     state.balance.matrix_weight = 0.0
 
@@ -365,11 +370,9 @@ def step_force(cable, t0, tau, discrete):
     begin, end = (work.start, cable.state.x) if discrete else (middle, middle)
     lost = discrete_gradient(cable, begin, end, change, viscous, force)
     if cable.terms & CONTACT:
-        waits = cable.terms & ROLLING != 0
-        start, x = work.start, cable.state.x
-        work.results.touched = contact.add_force(cable, YES, waits, start, x, force)[5]
+        contact.add_force(cable, YES, cable.terms & ROLLING != 0, cable.state.x, force)
     if cable.terms & SELF:
-        self_contact.add_force(cable, 1.0, 1.0 / tau, np.inf, YES, cable.state.x, force)
+        self_contact.add_force(cable, 1.0 / tau, cable.state.x, force)
     spring_force(cable, middle, 0.5, NO, force)
     lost += step_slides(cable, work.start, cable.state.x, force)
     if cable.loads.count:
@@ -460,7 +463,7 @@ def newton_matrix(cable, t0, tau, a, discrete):
     begin, end = (work.start, state.x) if discrete else (middle, middle)
     discrete_jacobian(cable, begin, end, viscous, 1.0, matrix)
     if cable.terms & CONTACT:
-        contact.add_tangent(cable, YES, work.start, state.x, 1.0, matrix)
+        contact.add_tangent(cable, YES, 1.0, matrix)
     add_springs(cable, 0.5, matrix)
     slide_tangent(cable, YES, work.start, state.x, 1.0, matrix)
     add_load_stiffness(cable, middle, t0 + 0.5 * tau, 0.5, matrix)
@@ -716,7 +719,7 @@ def stop_contacts(cable, t, tau):
     before, v, push, solved = work.v0, work.v1, work.inertia, work.residual
     copy(state.w, before)
     add_velocity_of_held(cable, state.x, t, before)
-    found = contact.begin_stops(cable, tau, before)
+    found = contact.begin_impulses(cable, tau, before)
     if found[0] <= STOPPED * found[1]:
         return 0.0
     band, directions = work.band, state.direction
@@ -724,7 +727,7 @@ def stop_contacts(cable, t, tau):
     for attempt in range(MOST_STOPS):
         clear(push)
         clear_band(band)
-        contact.add_stops(cable, tau, before, push, band)
+        contact.add_impulses(cable, before, push, band)
         add_lines(cable, cable.linear.mass[0], 1.0, band)
         hold(cable, directions, directions, band)
         set_border(cable, directions, directions)
@@ -732,7 +735,7 @@ def stop_contacts(cable, t, tau):
         work.results.coupled = IN_STATE
         if cable.terms & ROLLING:
             work.results.coupled = IN_ROLLING_BAND
-            done = eliminate_stops(cable, directions, band)
+            done = eliminate_impulses(cable, directions, band)
         else:
             done = eliminate(band, cable.n * dim, dim)
         if not done:  # not for positive masses
@@ -746,7 +749,7 @@ def stop_contacts(cable, t, tau):
         clear_held(cable, solved, PADDING)
         copy(before, v)
         if cable.terms & ROLLING:
-            substitute_stops(cable, push, solved, v)
+            substitute_impulses(cable, push, solved, v)
         else:
             substitute(band, cable.n * dim, dim, solved)
         keep_border(cable, solved)
@@ -756,7 +759,8 @@ def stop_contacts(cable, t, tau):
         for d in range(dim):
             for i in range(cable.n):
                 v[d, MARGIN + i] += work.step[i * dim + d]
-        settled, worked = contact.look_at_stops(cable, tau, v, attempt + 1 == MOST_STOPS)
+        last = attempt + 1 == MOST_STOPS
+        settled, worked = contact.validate_impulses(cable, tau, v, last)
         if settled:
             break
     lost = kinetic(cable, before) - kinetic(cable, v) + worked
@@ -764,7 +768,7 @@ def stop_contacts(cable, t, tau):
     add(-1.0, before, state.w)
     # Impulses of the grasps, from the momentum that those of contact do not explain.
     clear(push)
-    contact.add_stops(cable, tau, v, push, band)
+    contact.add_impulses(cable, v, push, band)
     difference(v, before, before)
     for d in range(dim):
         add_product(cable.linear.mass[0], -1.0, before[d], push[d])
@@ -924,7 +928,7 @@ def try_step(cable, method, t0, tau, whole, level, careful, predicts):
     stalls = 0  # successive stalled corrections
     known = np.int64(0)  # corrections since the matrix was factorised
     lost, floor, allowed, first = 0.0, 0.0, 0.0, 0.0
-    touched = 0.0  # what touched at the last forces
+    touched = np.int64(0)  # what touched at the last forces
     # Share of the flow at the configuration at which the forces of the step are evaluated.
     balance.slip = 0.5 if discrete else 1.0
     while True:
@@ -937,7 +941,7 @@ def try_step(cable, method, t0, tau, whole, level, careful, predicts):
         # Where a correction changes what touches or slides, the residual along it says nothing: a
         # wall that it runs into pushes back at once. Such corrections are taken whole, as in a
         # method of active sets, and halved where they go round in circles.
-        changed = known > 0 and work.results.touched != touched and iterations <= HALVED
+        changed = known > 0 and work.touched[0] != touched and iterations <= HALVED
         if changed and iterations > WHOLE and share == 1.0:
             share = 0.5
             shorten(cable, known - 1, 1.0, share)
@@ -988,21 +992,21 @@ def try_step(cable, method, t0, tau, whole, level, careful, predicts):
         # The correction is expected to reduce the energy error by the factor `shrinking`.
         shrinking = 1.0
         # That of before says nothing once something else touches or slides.
-        if share == 1.0 and iterations > 1 and work.results.touched == touched:
+        if share == 1.0 and iterations > 1 and work.touched[0] == touched:
             shrinking = max(np.sqrt(energy / previous), SMALLEST_SHRINKING)
             if iterations == 2:
                 balance.matrix_shrinking = shrinking
         elif made == 0 and iterations == 1:
             shrinking = balance.matrix_shrinking
-        share, touched = 1.0, work.results.touched
+        share, touched = 1.0, work.touched[0]
         if cable.terms & CONTACT and iterations > TRUSTING:
             shrinking = 1.0  # what contracts only now may do so by touching something else
         exhausted = moved <= ROUND_OFF * reach or (stalls > 1 and moved <= NOISE * reach)
         converged = exhausted or min(SAFETY * shrinking, 1.0) * defect <= allowed
         if converged and cable.terms & CONTACT:
-            after = contact.look(cable, work.start, cable.state.x, work.rate)
+            contact.add_force(cable, YES, NO, cable.state.x, work.rate)
             # With a twist that is still open the forces are not those of this shape.
-            converged = (exhausted or after == touched) and work.results.twist_open == 0.0
+            converged = (exhausted or work.touched[0] == touched) and work.results.twist_open == 0.0
         if exhausted:
             # Corrections are round-off: the energy balance cannot be more accurate than this.
             floor = RESOLUTION * defect
@@ -1020,16 +1024,14 @@ def try_step(cable, method, t0, tau, whole, level, careful, predicts):
     if converged and level < CAREFUL_HALVINGS:
         converged = not turned_over(cable)
     if converged and cable.terms & SELF:
-        start, x, left = work.start, cable.state.x, method.halvings - level
-        converged = self_contact.sane(cable, tau, start, x, work.change, level, left)
+        converged = self_contact.validate(cable, tau, level, method.halvings - level)
     if converged and cable.terms & CONTACT:
-        start, x = work.start, cable.state.x
         if cable.terms & ROLLING:  # with the twist of the last forces
-            contact.look(cable, start, x, work.rate)
-        converged = contact.accept(cable, work.change)
+            contact.add_force(cable, YES, NO, cable.state.x, work.rate)
+        converged = contact.validate(cable, work.change)
     if converged:
         if cable.terms & SELF:
-            self_contact.keep(cable)
+            self_contact.commit(cable)
         balance.floor = max(balance.floor, floor)
         finish_step(cable, t0, tau, whole, lost)
         if cable.terms & CONTACT:

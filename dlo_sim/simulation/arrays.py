@@ -74,8 +74,6 @@ def sizes_of(
         "loads": loads,
         "obstacles": obstacles,
         "groups": pieces and (COARSE * blocks + pieces * spans),
-        "fine_groups": pieces * spans,
-        "rolling_obstacles": obstacles * rolls,
         "rolling_unknowns": (dim + 1) * n * rolls,
         "rolling_padded": ((dim + 1) * n + 2 * PADDING) * rolls,
         "field_values": field_values,

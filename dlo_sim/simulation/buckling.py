@@ -32,7 +32,7 @@ import numpy as np
 from numba import float64, int64
 from numpy.typing import NDArray
 
-from dlo_sim.compiling.pieces import ARRAY_2D, STRIDED, piece
+from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, STRIDED, part, piece
 from dlo_sim.core import bspline, elimination, mass
 from dlo_sim.engine.arrays import ANY_STRETCH, BISHOP
 from dlo_sim.scene.description import Scene
@@ -111,8 +111,8 @@ def plane_warning(cable: Cable, scene: Scene) -> str:
     )
 
 
-@piece(int64, STRIDED, int64, float64, ARRAY_2D)
-def extent(x: Array, lines: int, least: float, found: Array) -> int:
+@part
+def extending(x: Array, lines: int, least: float, found: Array) -> int:
     """Number of orthonormal directions in which five control points extend by more than `least`
     [m], and these into the rows of `found`; x: lines of control points.
     """
@@ -143,6 +143,41 @@ def extent(x: Array, lines: int, least: float, found: Array) -> int:
     return lines
 
 
+@piece(int64, STRIDED, int64, float64, ARRAY_2D)
+def extent(x: Array, lines: int, least: float, found: Array) -> int:
+    """`extending`."""
+    return extending(x, lines, least, found)
+
+
+@piece(int64, STRIDED, int64, float64, ARRAY, ARRAY_2D)
+def lies_in(x: Array, lines: int, least: float, knots: Array, free: Array) -> int:
+    """1 if all control points lie on a line, somewhere compressed, 2 if in a plane, to `least` [m],
+    and the projection onto the directions across it into `free`, else 0. In compiled code it takes
+    1 us, not 30, at every look at a straight cable.
+    """
+    within = np.empty((3, 3))
+    count = extending(x, lines, least, within)
+    if count == 0 or count == lines:
+        return 0
+    for a in range(lines):
+        for b in range(lines):
+            free[a, b] = 1.0 if a == b else 0.0
+            for k in range(count):
+                free[a, b] -= within[k, a] * within[k, b]
+    compressed = count > 1
+    for i in range(1, x.shape[1]):
+        edge = 0.0
+        for a in range(lines):
+            away = 0.0
+            for b in range(lines):
+                away += free[a, b] * (x[b, i] - x[b, 0])
+            if not abs(away) <= least:
+                return 0
+            edge += within[0, a] * (x[a, i] - x[a, i - 1])
+        compressed = compressed or 3.0 * abs(edge) < (1.0 - 1e-12) * (knots[i + 3] - knots[i])
+    return count if compressed else 0
+
+
 def _extent(cable: Cable, tolerance: float) -> Array:
     """Directions in which a cable extends by more than a tolerance [of the length], rows."""
     dim, found = len(cable.model.axes), np.empty((3, 3))
@@ -155,20 +190,13 @@ def _across(cable: Cable) -> Array | None:
     points lie; None if there is none, if its stability is not known, or if the cable is straight
     and nowhere compressed.
     """
-    dim, knots, within = len(cable.model.axes), cable.model.knots, _extent(cable, EXACT)
-    if not 0 < len(within) < dim or not cable.model.has(ANY_STRETCH):
+    dim, knots = len(cable.model.axes), cable.model.knots
+    if not cable.model.has(ANY_STRETCH):
         return None
-    if len(within) == 2 and cable.loads.size and cable.loads[:, 3:6].any():
-        return None
-    way = cable.x[:dim] - cable.x[:dim, :1]
-    free = np.eye(dim) - sum(np.outer(one, one) for one in within)
-    if np.abs(np.einsum("de,en->dn", free, way)).max() > EXACT * knots[-1]:
-        return None
-    if len(within) == 1:
-        edges = np.abs(np.diff(np.einsum("d,dn->n", within[0], way)))
-        if np.min(edges * 3.0 / (knots[4:-1] - knots[1:-4])) >= 1.0 - 1e-12:
-            return None
-    return np.asarray(free)
+    free = np.empty((dim, dim))
+    lying = lies_in(cable.x, dim, EXACT * float(knots[-1]), knots, free)
+    moments = lying == 2 and cable.loads.size and cable.loads[:, 3:6].any()
+    return None if lying == 0 or moments else free
 
 
 def _pattern(cable: Cable) -> Array:
@@ -203,9 +231,10 @@ def growth(cable: Cable, scene: Scene, free: Array) -> float:
     A mode grows with a rate above r where K + r^2 M has a negative eigenvalue.
     """
     _assemble(cable)
-    largest = float(np.abs(cable.band).max() / cable.model.mass(0).max())
-    if cable.solve_held(np.zeros(cable.band.shape[0])) == 0:
+    band = cable.band.copy()
+    if cable.solve_held(np.zeros(len(band))) == 0:
         return 0.0  # stable in all directions, which costs the least to know
+    largest = float(np.abs(band).max() / cable.model.mass(0).max())
     twisted = _holonomy(cable, scene, free)
     rate = max(SLOWEST, math.sqrt(ROUNDING * largest))
     if not _negative(cable, free, rate, twisted):

@@ -108,9 +108,9 @@ class Cable:
         self._forget_history()
 
     def _touched(self) -> dict[Obstacle, tuple[Array, float, Samples]]:
-        """Motion of every obstacle, how deep it pressed; bristles, yielding, impulses."""
+        """Motion of every obstacle, how deep it pressed; bristles, overlap, impulses."""
         contact, state = self.arrays.contact, self.arrays.state
-        arrays = state.bristle, state.yielded, state.slides, state.stopped
+        arrays = state.bristle, state.overlap, state.slides, state.stopped
         held = np.concatenate([np.asarray(one) for one in arrays], axis=2)
         pieces = contact.pieces, contact.guide_pieces
         samples = [(one, contact.coarse, pieces) for one in held]
@@ -129,9 +129,9 @@ class Cable:
                     group = self.arrays.contact
                     held = resampled(*kept, (group.pieces, group.guide_pieces))
                     np.asarray(self.arrays.state.bristle)[k] = held[:, :3]
-                    np.asarray(self.arrays.state.yielded)[k] = held[:, 3:6]
+                    np.asarray(self.arrays.state.overlap)[k] = held[:, 3:6]
                     np.asarray(self.arrays.state.slides)[k] = held[:, 6:7]
-                    self.account.yields = 1.0  # until a step has looked
+                    self.account.decaying = 1.0  # until a step has looked
 
     def take_over_contact(self, other: Cable) -> None:
         """Go on with the friction that holds another cable on obstacles of the same names, and with
@@ -167,7 +167,7 @@ class Cable:
                 self.arrays.state.pair[1 + own.index(axis)] = before[1 + line]
 
     def _begin_strands(self, before: Cable | None, released: Sequence[float]) -> None:
-        """Begin the contact with itself. Pairs, bristles and yielding are those of the cable
+        """Begin the contact with itself. Pairs, bristles and overlap are those of the cable
         `before` if it touches itself by the same law; else, and where grasps have released it since
         (u [m]), what overlaps gives way, until it is pressed no more than before.
         """
@@ -175,13 +175,13 @@ class Cable:
         state.pair[:] = 0.0
         if before and before.model.has(SELF) and self._touches_as(before):
             account.pairs = before.account.pairs
-            account.pair_yield = before.account.pair_yield
+            account.pair_overlap = before.account.pair_overlap
             self._set_pairs(before.arrays.state.pair, before.model.axes)
-            self.call(self_contact.look)
+            self.call(self_contact.reset)
             for u in released:
                 self.part_strands(u)
         else:
-            self.call(self_contact.look)
+            self.call(self_contact.reset)
             kept = before.pressed_strands if before and not released else None
             if kept is not None:
                 kept /= self.arrays.chain.law[self_contact.STIFFNESS]
@@ -383,10 +383,10 @@ class Cable:
         if self.model.has(SELF):
             state.pair[:] = 0.0
             state.balance.pairs = 0.0
-            self.call(self_contact.look)
+            self.call(self_contact.reset)
 
     def forget_contact(self) -> None:
-        """Set what earlier steps have left of contact with obstacles, but for yielding, to zero."""
+        """Set what earlier steps have left of contact with obstacles, but for overlap, to zero."""
         state = self.arrays.state
         for array in (state.bristle, state.stopped, state.slides, state.deepest):
             array[:] = 0.0
@@ -402,7 +402,7 @@ class Cable:
         """Largest force per length between strands [N/m]; None without contact with itself."""
         if not self.model.has(SELF):
             return None
-        depth = -float(self.strands()[:, 0].min(initial=0.0)) - self.account.pair_yield
+        depth = -float(self.strands()[:, 0].min(initial=0.0)) - self.account.pair_overlap
         return float(self.arrays.chain.law[self_contact.STIFFNESS]) * max(depth, 0.0)
 
     def part_strands(self, u: float | None = None, kept: float | None = None) -> float:
@@ -426,7 +426,7 @@ class Cable:
         depth = -float(found.min(initial=0.0)) - (kept or 0.0)
         if depth <= (TINY if kept is not None else contact.SHALLOW * chain.diameter):
             return 0.0
-        account.pair_yield = account.pair_yield_end = max(depth, account.pair_yield)
+        account.pair_overlap = account.pair_overlap_end = max(depth, account.pair_overlap)
         return depth
 
     def put(
@@ -538,7 +538,7 @@ class Cable:
         """
         cable, state = scene.cable, self.arrays.state
         numbers_of(state.balance)[:] = 0.0
-        state.balance.yields = float(np.asarray(state.yielded).any())
+        state.balance.decaying = float(np.asarray(state.overlap).any())
         state.energy[:] = state.energy_begin[:] = 0.0
         if self.model.has(SELF):
             self._begin_strands(before, released)

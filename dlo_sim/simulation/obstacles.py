@@ -15,7 +15,7 @@ from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core import bspline, mass, quadrature, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.strain import strain
-from dlo_sim.engine import contact
+from dlo_sim.engine import contact, shapes
 from dlo_sim.engine.arrays import (
     BOXED,
     MARGIN,
@@ -38,7 +38,7 @@ Pressure = tuple[Array, Array]
 """Places on the cable as shares of its length, rising, and force per length there [N/m]; linear
 between them."""
 UNTOUCHED: Pressure = np.zeros(1), np.zeros(1)
-ROUNDED = 1e-9  # diameters by which an obstacle yields that are round-off
+ROUNDED = 1e-9  # diameters of overlap that are round-off
 PLANE_SAMPLES = 8  # of a knot span: between 2, a cable that is pushed down bent into the plane
 STRETCHED = 1.1  # lengths that a cable reaches
 PLACES = 101  # of the cable that are checked for being inside obstacles
@@ -59,7 +59,7 @@ THROWN_DEPTH = 0.2
 TAUT = 1e-3  # strain of what is pulled as usual
 OFF = 0.5  # of the radius of the cable: error of a mesh's field that is said
 TOO_DEEP = 0.02  # penetration in diameters in a run above which a warning reports it
-INSIDE = 0.1  # the same of what an obstacle that has yielded is inside the cable
+INSIDE = 0.1  # the same of overlap that decays
 # Of half the thickness of a body: so deep is near its middle. Samples a reach apart can cross a
 # thin body no deeper than half of it.
 MIDDLE = 0.6
@@ -90,19 +90,19 @@ def core_of(obstacle: Obstacle, radius: float) -> Core:
     """The core of an obstacle that a cable of this radius [m] touches."""
     x, y, z = (0.5 * size for size in obstacle.size)
     if obstacle.shape == "plane":
-        return Core(contact.HALF_SPACE, (0.0, 0.0, 0.0), radius)
+        return Core(shapes.HALF_SPACE, (0.0, 0.0, 0.0), radius)
     if obstacle.shape == "box":
-        return Core(contact.BOX, (x, y, z), radius)
+        return Core(shapes.BOX, (x, y, z), radius)
     if obstacle.shape == "cylinder":
-        return Core(contact.CYLINDER, (x, x, z), radius)
+        return Core(shapes.CYLINDER, (x, x, z), radius)
     if obstacle.shape in GUIDES:
         length = z - y if obstacle.shape == "channel" else 0.0
-        return Core(contact.TUBE, (x + y, 0.0, length), y + radius)
+        return Core(shapes.TUBE, (x + y, 0.0, length), y + radius)
     if obstacle.shape == "mesh":
         a, b, c = np.abs(triangles_of(obstacle)).max(axis=(0, 1)).tolist()
-        return Core(contact.MESH, (a, b, c), radius)
+        return Core(shapes.MESH, (a, b, c), radius)
     length = max(z - x, 0.0) if obstacle.shape == "capsule" else 0.0
-    return Core(contact.BOX, (0.0, 0.0, length), x + radius)
+    return Core(shapes.BOX, (0.0, 0.0, length), x + radius)
 
 
 # Bit of the code of a shape, which a plane does not need; shapes that markers bring.
@@ -137,9 +137,9 @@ def surface(obstacle: Obstacle, plate: float = 0.0) -> Array:
         return corners[faces[:, ((0, 1, 2), (2, 3, 0))].reshape(-1, 3)]
     kind, half, reach = core_of(obstacle, 0.0)
     upper = math.pi / (ACROSS // 2 - 1) * np.arange(ACROSS // 2)
-    if kind == contact.CYLINDER:
+    if kind == shapes.CYLINDER:
         return _revolved(np.array([0.0, half[0], half[0], 0.0]), half[2] * np.array([-1, -1, 1, 1]))
-    if kind == contact.TUBE:
+    if kind == shapes.TUBE:
         across = np.concatenate([upper, upper + math.pi])
         rho, straight = half[0] + reach * np.cos(across), np.repeat([1.0, -1.0], ACROSS // 2)
         return _revolved(rho, reach * np.sin(across) + half[2] * straight)
@@ -167,14 +167,14 @@ def gaps(obstacle: Obstacle, diameter: float, points: Array) -> Array:
     kind, half, reach = core_of(obstacle, 0.5 * diameter)
     turn = rotations.to_matrix(rotations.normalized(np.array(obstacle.orientation)))
     y = np.einsum("...i,ij->...j", points - np.array(obstacle.position), turn)
-    if kind == contact.HALF_SPACE:
+    if kind == shapes.HALF_SPACE:
         return np.asarray(y[..., 2] - reach)
-    if kind == contact.MESH:
+    if kind == shapes.MESH:
         return field_of(obstacle, reach).distance(y) - reach
     over = np.abs(y) - np.array(half)
-    if kind in (contact.CYLINDER, contact.TUBE):
+    if kind in (shapes.CYLINDER, shapes.TUBE):
         radial = np.hypot(y[..., 0], y[..., 1]) - half[0]
-        radial = np.abs(radial) if kind == contact.TUBE else radial
+        radial = np.abs(radial) if kind == shapes.TUBE else radial
         over = np.stack((radial, over[..., 2]), axis=-1)
     outside = np.linalg.norm(np.maximum(over, 0.0), axis=-1)
     return np.asarray(outside + np.minimum(over.max(axis=-1), 0.0) - reach)
@@ -228,17 +228,12 @@ def stiffness(scene: Scene, obstacle: Obstacle) -> float:
     if obstacle.shape == "plane":
         return max(laid, landed, pushed)
     _, half, reach = core_of(obstacle, radius)
-    pulled = max(cable.mu * EARTH * cable.length, declared_tension(scene), usual_tension(scene))
+    usual = min(USUAL[0] * cable.EA, USUAL[1])  # as grippers draw a cable
+    pulled = max(cable.mu * EARTH * cable.length, declared_tension(scene), usual)
     bend = max(bend_radius(scene, obstacle), cable.diameter)
     drawn = pulled / (bend * PULLED_DEPTH * cable.diameter)
     thrown = cable.mu * (scene.inputs.max_speed / (THROWN_DEPTH * (min(half) + reach))) ** 2
     return max(laid, landed, pushed, drawn, thrown)
-
-
-def usual_tension(scene: Scene) -> float:
-    """Tension [N] with which grippers draw a cable as usual, for which contact is stiff enough."""
-    strain_, force = USUAL
-    return min(strain_ * scene.cable.EA, force)
 
 
 def declared_tension(scene: Scene) -> float:
@@ -250,13 +245,6 @@ def declared_tension(scene: Scene) -> float:
     apart = math.dist(scene.start.position, scene.end.position) if held else 0.0
     stretch = min(max(apart / scene.cable.length - 1.0, 0.0), TAUT)
     return float(pulls + scene.cable.EA * stretch)
-
-
-def law(scene: Scene, k: float, friction: float) -> tuple[float, ...]:
-    """The law of contact (`engine.contact`) with this stiffness k [N/m^2] and friction: k, k_t and
-    mu.
-    """
-    return k, BRISTLES * k, friction
 
 
 def at_rest(scene: Scene, origin: Array) -> Array:
@@ -326,7 +314,7 @@ class Contact(NamedTuple):
             of a ring or channel, rising; empty for other shapes.
         tensions: of the cable [N] one and a half knot spans before and behind what touches, shape
             (2,); empty if nothing does, or if its shape does not determine the tension.
-        deepest: so far in the run that the cable was pressed in [m], without what has yielded.
+        deepest: so far in the run that the cable was pressed in [m], without overlap that decays.
             stiffness: force per length and penetration [N/m^2].
     """
 
@@ -403,7 +391,7 @@ def _samples(cable: Cable, number: int) -> tuple[Array, Array, Array, NDArray[np
     numbers = np.arange(len(reported) * LANES).reshape(-1, LANES, 1)
     rows = np.concatenate([reported.reshape(-1, LANES, 4), numbers], axis=-1)
     begin, end, spans = group.begin[number], group.end[number], model.n - bspline.DEGREE
-    flat = group.core[number] == contact.HALF_SPACE
+    flat = group.core[number] == shapes.HALF_SPACE
     found = by_span(rows[begin:end], flat, spans)
     pieces = 0 if flat else (end - begin) // spans
     rule = rule_of(tuple(model.knots.tolist()), pieces, group.radius)
@@ -416,37 +404,37 @@ def _samples(cable: Cable, number: int) -> tuple[Array, Array, Array, NDArray[np
 def pressure_by(cable: Cable, number: int) -> Pressure:
     """Pressure of an obstacle on the cable at rest in the present configuration."""
     u, _, rows, at = _samples(cable, number)
-    depth = np.maximum(-rows[:, 0] - _yielded(cable, number)[:, 1].ravel()[at], 0.0)
+    depth = np.maximum(-rows[:, 0] - _overlap(cable, number)[:, 1].ravel()[at], 0.0)
     stiff = cable.arrays.contact.law[number, contact.STIFFNESS]
     return u / cable.model.knots[-1], stiff * depth
 
 
-def _yielded(cable: Cable, number: int) -> Array:
-    """What an obstacle yields (`State.yielded`), a view of shape (groups, 3, LANES)."""
-    return np.asarray(cable.arrays.state.yielded)[number]
+def _overlap(cable: Cable, number: int) -> Array:
+    """`State.overlap` with an obstacle, a view of shape (groups, 3, LANES)."""
+    return np.asarray(cable.arrays.state.overlap)[number]
 
 
-def give_way(cable: Cable, number: int, kept: Pressure, let_be: float = 0.0) -> float:
-    """Let an obstacle yield until it presses no place of the cable more than `kept`, so that what
-    has changed stores no energy that would fling the cable out; returns by how much more at most
-    [m].
+def let_overlap(cable: Cable, number: int, kept: Pressure, let_be: float = 0.0) -> float:
+    """Let an obstacle overlap the cable until it presses no place of it more than `kept`, so that
+    what has changed stores no energy that would fling the cable out; returns by how much more at
+    most [m].
 
     Args:
-        let_be: pressure [N/m] up to which it does not yield, if the cable is SHALLOW inside.
+        let_be: pressure [N/m] up to which it may press, if the cable is SHALLOW inside.
     """
     u, _, rows, at = _samples(cable, number)
-    group, yielded = cable.arrays.contact, _yielded(cable, number)
+    group, overlap = cable.arrays.contact, _overlap(cable, number)
     stiff, thick = group.law[number, contact.STIFFNESS], group.least_margin
     depth = -rows[:, 0] - np.interp(u / cable.model.knots[-1], *kept) / stiff
     least = max(min(let_be / stiff, contact.SHALLOW * thick), ROUNDED * thick)
-    before = yielded[:, 1].ravel()[at]
+    before = overlap[:, 1].ravel()[at]
     most = float(depth.max())
     now = most if most > least else 0.0  # everywhere, so that it grows back in its own shape
     group_, lane = np.divmod(at, LANES)
-    yielded[group_, 0, lane] = yielded[group_, 1, lane] = now
-    yielded[group_, 2, lane] = -rows[:, 0]
+    overlap[group_, 0, lane] = overlap[group_, 1, lane] = now
+    overlap[group_, 2, lane] = -rows[:, 0]
     if now > 0.0:
-        cable.account.yields = 1.0
+        cable.account.decaying = 1.0
     return float((now - before).max())
 
 
@@ -656,11 +644,12 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
     group.radius = radius
     for k, obstacle in enumerate(scene.bodies[: group.count]):
         core = core_of(obstacle, radius)
-        flat = core.kind == contact.HALF_SPACE
+        flat = core.kind == shapes.HALF_SPACE
         group.core[k], group.half[k], group.reach[k] = core
-        group.law[k] = law(scene, stiffness(scene, obstacle), scene.friction_of(obstacle))
+        stiff = stiffness(scene, obstacle)
+        group.law[k] = stiff, BRISTLES * stiff, scene.friction_of(obstacle)
         group.middle[k] = math.inf if flat else MIDDLE * (min(core.half) + core.reach)
-        if core.kind == contact.MESH:
+        if core.kind == shapes.MESH:
             _fill_field(obstacle, radius, group, k)
         # The cable is never further from what it touches.
         group.extent[k] = 2.0 * scene.cable.length if flat else math.hypot(*core.half)
@@ -686,36 +675,28 @@ def fields_of(scene: Scene) -> tuple[Field, ...]:
 
 @lru_cache(maxsize=16)
 def rule_of(knots: tuple[float, ...], pieces: int, radius: float) -> quadrature.Quadrature:
-    """`plane_rule` if there are no pieces, else `body_rule`, with the round tips of a cable of this
-    radius [m], which reach so far beyond its ends; kept, as a report needs it for each obstacle,
-    and a search for weights takes a tenth of a millisecond.
+    """`sample_rule` with the round tips of a cable of this radius [m], which reach so far beyond
+    its ends; kept, as a report needs it for each obstacle, and a search for weights takes a tenth
+    of a millisecond.
     """
-    rule = body_rule(np.array(knots), pieces) if pieces else plane_rule(np.array(knots))
+    rule = sample_rule(np.array(knots), pieces)
     weights = rule.weights.copy()
     for tip in (0, -1):
         weights.flat[tip] += radius
     return quadrature.Quadrature(rule.xi, weights)
 
 
-def plane_rule(knots: Array) -> quadrature.Quadrature:
-    """`trapezoidal` rule of the samples that touch planes; the last one of a span counts in the
-    last span only, whose end it is.
+def sample_rule(knots: Array, pieces: int) -> quadrature.Quadrature:
+    """`trapezoidal` rule of the samples that touch bodies, so many groups of a span, those of the
+    last span a little closer, up to its end; of those that touch planes for 0 pieces: their last
+    one of a span counts in the last span only, whose end it is.
     """
-    spans = len(knots) - 2 * bspline.DEGREE - 1
-    xi = np.tile(np.linspace(-1.0, 1.0, PLANE_SAMPLES + 1), (spans, 1))
-    there = np.ones(xi.shape, dtype=bool)
-    there[:-1, -1] = False
-    return trapezoidal(knots, xi, there)
-
-
-def body_rule(knots: Array, pieces: int) -> quadrature.Quadrature:
-    """`trapezoidal` rule of the samples that touch bodies, as many groups of a span; those of the
-    last span are a little closer, up to its end.
-    """
-    spans, count = len(knots) - 2 * bspline.DEGREE - 1, pieces * LANES
-    xi = np.tile(2.0 * np.arange(count) / count - 1.0, (spans, 1))
+    spans, count = len(knots) - 2 * bspline.DEGREE - 1, pieces * LANES or PLANE_SAMPLES + 1
+    xi = np.tile(2.0 * np.arange(count) / (count if pieces else PLANE_SAMPLES) - 1.0, (spans, 1))
     xi[-1] = np.linspace(-1.0, 1.0, count)
-    return trapezoidal(knots, xi, np.ones(xi.shape, dtype=bool))
+    there = np.ones(xi.shape, dtype=bool)
+    there[:-1, -1] = pieces > 0
+    return trapezoidal(knots, xi, there)
 
 
 def trapezoidal(knots: Array, xi: Array, there: NDArray[np.bool_]) -> quadrature.Quadrature:
@@ -768,7 +749,7 @@ def write_samples(group: ContactArrays, planes: Array, bodies: Array, guides: Ar
     spans, blocks = len(planes), group.coarse // COARSE
     flat = to_blocks(planes).transpose(0, 1, 3, 2)  # block, sample, lane, value
     begin_guides = group.coarse + spans * group.pieces
-    is_flat, is_guide = group.core == contact.HALF_SPACE, group.core == contact.TUBE
+    is_flat, is_guide = group.core == shapes.HALF_SPACE, group.core == shapes.TUBE
     group.begin[:] = np.where(is_flat, 0, np.where(is_guide, begin_guides, group.coarse))
     group.end[:] = np.where(is_guide, len(group.first), begin_guides)
     group.end[is_flat] = group.coarse
@@ -780,10 +761,6 @@ def write_samples(group: ContactArrays, planes: Array, bodies: Array, guides: Ar
     by_piece = (np.repeat(np.arange(spans), k) for k in (group.pieces, group.guide_pieces))
     firsts = np.repeat(LANES * np.arange(blocks), COARSE), *by_piece
     group.first[:] = MARGIN + np.concatenate(firsts)
-    one, other = np.triu_indices(bspline.ACTIVE)
-    pairs = np.zeros((*fine.shape[:2], 2 * LANES))
-    pairs[..., : len(one)] = fine[..., one] * fine[..., other]
-    group.pairs[:] = pairs.reshape(*fine.shape[:2], 2, LANES)
 
 
 def by_span(groups: Array, flat: bool, spans: int) -> Array:

@@ -45,7 +45,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
-from dlo_sim.engine.contact import TINY
+from dlo_sim.engine.contact_law import TINY
 from dlo_sim.scene.description import PARAMETERS, Obstacle, Scene
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.obstacles import (

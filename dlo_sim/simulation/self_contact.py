@@ -284,7 +284,7 @@ def warnings(scene: Scene, cable: Cable, found: Contact | None, finer: str) -> I
             "its strands apart, or change them in small steps"
         )
     # Between segments: where they bend, the surface of the cable is further in (METHODS.md).
-    deep = -float(cable.strands()[:, 0].min(initial=0.0)) - account.pair_yield
+    deep = -float(cable.strands()[:, 0].min(initial=0.0)) - account.pair_overlap
     if deep > PRESSED * diameter:
         yield (
             f"contact.self: strands are pressed {deep:.2g} m into each other, {deep / diameter:.1%}"

@@ -795,14 +795,14 @@ class Simulator:
         how: obstacles.Overlap = obstacles.Overlap.BEGAN,
         let_be: float = 0.0,
     ) -> None:
-        """Let obstacles `give_way` that press the cable more than `kept`, by name; count them.
+        """Let obstacles overlap the cable that press it more than `kept`, by name; count them.
         Default: all, from no pressure.
         """
         diameter = self.scene.cable.diameter
         kept = dict.fromkeys(self._touchable, obstacles.UNTOUCHED) if kept is None else kept
         for number, name in enumerate(self._touchable):
             if name in kept:
-                depth = obstacles.give_way(self.cable, number, kept[name], let_be)
+                depth = obstacles.let_overlap(self.cable, number, kept[name], let_be)
                 if depth > how.notable * diameter:
                     count, most = self.remarks.overlaps.get((name, how), (0, 0.0))
                     self.remarks.overlaps[name, how] = count + 1, max(most, depth)

@@ -152,10 +152,10 @@ def test_an_obstacle_that_yields_goes_on_when_a_grasp_takes_the_cable():
     sim.advance(0.2)
     sim.set_obstacle("table", [0.0, 0.0, 0.05])
     sim.advance(0.05)
-    before = sim.cable.arrays.state.yielded.copy()
+    before = sim.cable.arrays.state.overlap.copy()
     assert before.max() > 0.03
     sim.take("hand")
-    assert np.array_equal(sim.cable.arrays.state.yielded, before)
+    assert np.array_equal(sim.cable.arrays.state.overlap, before)
     sim.advance(0.05)
     assert np.linalg.norm(sim.velocities[:, :3], axis=1).max() < 2.0
 
