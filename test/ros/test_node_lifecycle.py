@@ -100,7 +100,7 @@ def test_configure_compiles_activate_ticks_deactivate_keeps_the_state(
     node.moves()
     assert node.points[-1].header.frame_id == "base"
     assert peer.get("cable.length", "loads.names") == [0.5, ["force"]]
-    assert not peer.node.count_subscribers("/dlo_sim/tip/wrench")
+    peer.until(lambda: not peer.node.count_subscribers("/dlo_sim/tip/wrench"), "no such input")
     assert node.change("active_shutdown") == "finalized"
     peer.until(lambda: not peer.node.count_services("/dlo_sim/reset"), "the end of its services")
     assert node.node.stop() == 0

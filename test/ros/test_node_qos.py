@@ -66,14 +66,17 @@ def test_each_topic_has_the_qos_that_was_asked_for(peer: Peer) -> None:
 
 
 def test_an_override_is_for_its_own_topic_alone(peer: Peer) -> None:
-    kept = peer.node.get_publishers_info_by_topic("/dlo_sim/control_polygon")[0].qos_profile
-    assert kept.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    assert kept.reliability == ReliabilityPolicy.RELIABLE
+    polygon = "/dlo_sim/control_polygon"
+    (kept,) = peer.until(lambda: peer.node.get_publishers_info_by_topic(polygon), "the publisher")
+    assert kept.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    assert kept.qos_profile.reliability == ReliabilityPolicy.RELIABLE
     for topic, reliability in (
         ("tip/wrench", ReliabilityPolicy.RELIABLE),
         ("force", ReliabilityPolicy.BEST_EFFORT),
     ):
-        found = peer.node.get_subscriptions_info_by_topic(f"/dlo_sim/{topic}")
+        found = peer.until(
+            lambda name=f"/dlo_sim/{topic}": peer.node.get_subscriptions_info_by_topic(name), topic
+        )
         assert [info.qos_profile.reliability for info in found] == [reliability]
 
 
