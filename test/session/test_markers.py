@@ -384,14 +384,6 @@ def test_meshes_act_at_times_that_the_stamps_decide(monkeypatch, slowly):
     assert not live.journal.events["late"] and not live.journal.events["too_many"]
 
 
-def test_a_mesh_that_is_made_within_the_latency_is_there_at_its_stamp():
-    session = session_of()
-    run(session, [(0.1, plate(0, (0.0, 0.5, 0.0), **mesh_of(1e-3)))], 0.155)
-    assert not session.simulator.scene.added
-    run(session, [], 0.16, begin=0.155)
-    assert [one.shape for one in session.simulator.scene.added] == ["mesh"]
-
-
 def test_no_tick_waits_for_a_mesh(monkeypatch):
     """One that is made too late acts then, and it is said."""
     made, field_of = threading.Event(), meshes.field_of

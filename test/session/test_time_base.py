@@ -69,15 +69,6 @@ def test_first_stamp_of_another_epoch_fixes_the_offset_for_good():
     assert stream.base.to_clock(stream.base.from_clock(CLOCK + 7)) == CLOCK + 7
 
 
-@pytest.mark.parametrize("mode", ["stamp", "arrival"])
-def test_other_modes_never_have_an_offset(mode):
-    stream = Stream(mode)
-    stream.run(T0, 3.0, 4000 * SECOND)
-    stream.base.start_over()
-    stream.run(T0, 3.0, 9000 * SECOND)
-    assert stream.base.offset_ns == 0
-
-
 def test_which_messages_are_placed_by_their_stamp():
     for mode, stamp, placed in (
         ("auto", T0, T0),
@@ -150,46 +141,6 @@ def test_what_was_dated_by_the_clock_comes_again_in_the_epoch_of_the_first_stamp
     same = Stream()
     assert same.send(0, CLOCK) == same.send(CLOCK + 1, CLOCK + MS) == [USE]
     assert same.tick(CLOCK + MS) == []
-
-
-@pytest.mark.parametrize(("apart", "reason"), [(10, "in_future"), (-10, "too_old")])
-def test_one_source_with_a_clock_of_its_own_is_refused(apart, reason):
-    stream = Stream(sources=2)
-    for stamp in range(T0, T0 + 3 * SECOND, 20 * MS):
-        assert stream.send(stamp, stamp) == [USE]
-        stream.send(stamp + apart * SECOND, stamp, source=1)
-        stream.tick(stamp)
-    assert stream.refused.keys() == {reason}
-    assert stream.refused[reason] >= 150 - 21  # the last 0.4 s may still wait
-    assert stream.base.offset_ns == 0
-
-
-@pytest.mark.parametrize("apart", [0.3, -0.3, 0.7, -0.7])
-def test_two_sources_whose_clocks_differ_a_little_are_both_used(apart):
-    stream = Stream(sources=2)
-    for stamp in range(T0, T0 + 3 * SECOND, 20 * MS):
-        stream.send(stamp, stamp)
-        stream.send(stamp + round(apart * SECOND), stamp, source=1)
-        stream.tick(stamp)
-    assert not stream.refused
-    assert len(stream.used) > 2 * 150 - 15
-
-
-def test_disorder_is_no_jump():
-    """Between the stamps of others: used where the simulation has not yet been."""
-    stream = Stream()
-    stream.run(T0, 2.0)
-    stream.sources[0].passed_ns = T0 + 1300 * MS
-    for k in range(1, 50):
-        stamp = T0 + SECOND + k * 20 * MS
-        assert stream.send(stamp, T0 + 2 * SECOND) == ["copy"]
-        assert stream.send(stamp, T0 + 2 * SECOND, values=(1.0,)) == ["out_of_order"]
-        outcome = "out_of_order" if stamp + MS <= T0 + 1300 * MS else USE
-        assert stream.send(stamp + MS, T0 + 2 * SECOND) == [outcome]
-        assert stream.send(stamp + MS, T0 + 2 * SECOND) == [
-            "copy" if outcome is USE else "out_of_order"
-        ]
-    assert stream.run(T0 + 2 * SECOND, 0.1) == [USE] * 5
 
 
 class TestWhichClockIsWrong:
