@@ -13,18 +13,15 @@ pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseArray, Vector3Stamped, WrenchStamped
-from node_harness import CABLE, START, NodeProcess, Peer
+from node_harness import CABLE, NodeProcess, Peer
 from visualization_msgs.msg import Marker
 
 from dlo_sim.core import bspline
 
 
 @pytest.fixture(scope="module", autouse=True)
-def node(launch: Callable[..., NodeProcess], peer: Peer) -> NodeProcess:
-    node = launch(CABLE)
-    peer.watched = node
-    peer.until(lambda: peer.node.count_services("/dlo_sim/reset"), "node", START)
-    return node
+def node(running: Callable[..., NodeProcess]) -> NodeProcess:
+    return running(CABLE)
 
 
 def wrench(frame: str = "world", **force: float) -> WrenchStamped:

@@ -10,7 +10,7 @@ pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, WrenchStamped
-from node_harness import CABLE, START, NodeProcess, Peer
+from node_harness import CABLE, NodeProcess, Peer
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
@@ -25,11 +25,8 @@ QOS = {
 
 
 @pytest.fixture(scope="module", autouse=True)
-def node(launch: Callable[..., NodeProcess], peer: Peer) -> NodeProcess:
-    node = launch({**CABLE, **QOS})
-    peer.watched = node
-    peer.until(lambda: peer.node.count_services("/dlo_sim/reset"), "node", START)
-    return node
+def node(running: Callable[..., NodeProcess]) -> NodeProcess:
+    return running({**CABLE, **QOS})
 
 
 def test_each_topic_has_the_qos_that_was_asked_for(peer: Peer) -> None:

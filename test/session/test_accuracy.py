@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 from fake_simulator import FakeSimulator
 from session_bench import FREE, MS, SECOND
 
-from dlo_sim.scene.loading import load_scene, scene_from_values, shipped_scene
+from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import drive
 from dlo_sim.session.session import Session
-from dlo_sim.simulation.error_estimate import ErrorEstimate, advice
+from dlo_sim.simulation.error_estimate import advice
 from dlo_sim.simulation.report import DiscretizationError
-from dlo_sim.simulation.simulator import Simulator
 
 T0 = 100 * SECOND
 
@@ -164,16 +162,3 @@ def test_reset_and_changed_parameters_estimate_anew(estimates):
     one.tick(T0 + 10 * MS)
     assert len(estimates) == 3
     assert found(one)[2]["error estimate [m]"] == "off"
-
-
-def test_a_run_that_is_finer_in_time_begins_in_the_shape_that_was_found():
-    """The estimate is the same bit for bit as one that searches for the shape at rest again."""
-    scene = load_scene(shipped_scene("hanging_cable"))
-    poses = {"start": (np.array([0.1, 0.0, 0.7]), np.array([0.0, 0.0, 0.0, 1.0]))}
-    errors = []
-    for make in (drive._estimate, ErrorEstimate.placed):
-        estimate = make(Simulator(scene, poses), poses)
-        estimate.advance_steps(40)
-        errors.append(estimate.largest)
-    assert errors[0] == errors[1]
-    assert min(errors[0].time, errors[0].space) > 0.0

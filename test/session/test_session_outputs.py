@@ -29,8 +29,9 @@ class TestGrid:
             found += [m.stamp_ns for m in free.session.messages() if "points" in m.topic]
         return found
 
-    @pytest.mark.parametrize("step", [1e-3, 5e-4, 1 / 3000])
-    @pytest.mark.parametrize("rate", [200.0, 30.0, 333.0])
+    @pytest.mark.parametrize(
+        ("rate", "step"), [(200.0, 1e-3), (30.0, 5e-4), (333.0, 1 / 3000), (333.0, 1e-3)]
+    )
     def test_any_phase_gives_the_same_stamps(self, bench, rate, step):
         changes = {"rate": rate, "integrator.step": step}
         first = self.stamps(bench, 0, **changes)
