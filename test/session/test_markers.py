@@ -141,21 +141,6 @@ def test_the_error_estimate_knows_them():
     assert float(values["contact force [N]"]) == pytest.approx(weight(session), rel=0.2)
 
 
-def test_a_state_keeps_them(tmp_path):
-    session = session_of()
-    run(session, drawn(0.0, 0.5, 0.1), 0.5)
-    save_state(tmp_path / "state", session.saved)
-    saved, _ = load_state(tmp_path / "state", session.scene)
-    again = Session(saved.scene, resume=saved)
-    run(again, [(1.1, plate(position=(0.1, 0.0, -0.03)))], 1.5, begin=1.0)
-    simulator = again.simulator
-    assert simulator.contact("cell/0").force[2] == pytest.approx(weight(again), rel=2e-2)
-    assert simulator.end_pose("cell/0")[0][0] == pytest.approx(0.1)
-    again.reset()
-    run(again, [], 1.6, begin=1.5)
-    assert not again.simulator.scene.bodies
-
-
 @pytest.mark.parametrize("estimate", ["off", "on"])
 def test_a_change_of_parameters_keeps_them(estimate):
     session = session_of(**{"accuracy.estimate": estimate})
