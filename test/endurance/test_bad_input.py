@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from marker_arrays import array, marker
 from plans import still_plan
 
-from dlo_sim.replay.bags import BagError, BagWriter
+from dlo_sim.replay.bags import Bag, BagError, BagWriter
 from dlo_sim.replay.replay import ReplayError, replay_bag
 from dlo_sim.scene.description import PARAMETERS
 from dlo_sim.scene.loading import scene_from_values
@@ -258,6 +258,8 @@ def test_damaged_bags(bags, tmp_path_factory, storage, rng):
     for _ in range(rng.choice((1, 1, 3))):
         damage_bag(rng, path)
     try:
+        damage = Bag(path).damage
+        assert len(damage) < 500 and "\n" not in damage
         replay_bag(path, scene_from_values(SMALL), None)
     except (BagError, ReplayError) as refusal:
         check_line(str(refusal))

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from session_bench import FREE, LOADED, Bench
+from session_bench import LOADED, Bench
 
 MS = 1_000_000
 SECOND = 1_000_000_000
@@ -146,16 +146,6 @@ def test_fast_but_possible_motion_is_accepted(loaded):
     assert not loaded.refused("/gripper_pose")
     loaded.pose(T0 + 20 * 20 * MS, (0.39 * 19 + 0.402, 0, 0))  # 20.1 m/s
     assert loaded.refused("/gripper_pose") == {"too_fast": 1}
-
-
-def test_one_topic_may_drive_two_loads(bench):
-    values = {k: v for k, v in FREE.items() if not k.startswith("loads")}
-    loads = {"loads.names": ["a", "b"], "loads.a.topic": "/wrench", "loads.b.topic": "/wrench"}
-    both = bench(values, **loads)
-    both.wrench(T0, (1, 0, 0))
-    both.run(T0, T0 + 100 * MS)
-    assert {c[2] for c in both.simulator.calls if c[0] == "load"} == {"a", "b"}
-    assert both.session.journal.accepted == 1
 
 
 class TestTimeBase:

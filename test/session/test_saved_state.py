@@ -239,19 +239,6 @@ def test_state_of_another_version_is_refused(path, monkeypatch):
         load_state(path, SCENE)
 
 
-def test_write_that_fails_keeps_what_was_there(ran, path, monkeypatch):
-    before = path.read_bytes()
-
-    def full(number):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(saved_state.os, "fsync", full)
-    with pytest.raises(OSError, match="No space"):
-        save_state(path, ran.saved)
-    assert path.read_bytes() == before
-    assert [entry.name for entry in path.parent.iterdir()] == ["state"]
-
-
 def test_a_cable_lowered_onto_a_table_can_be_changed_and_goes_on(tmp_path):
     """Where its gripper is now, and then where the scene has it, a straight cable would go through
     the table.
