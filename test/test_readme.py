@@ -155,18 +155,6 @@ def test_table_of_topics_is_complete(node_page):
     assert shown == wanted
 
 
-def test_every_wrench_has_its_sign_and_frame(node_page):
-    text = section(node_page, "The sign and the frame of every wrench")
-    shown = {name for row in table_rows(text) for name in named(row[0]) if name.startswith("~/")}
-    topics = {
-        name
-        for names, _, kind, _ in table_rows(section(node_page, "Topics"))
-        if kind.endswith(("WrenchStamped", "Vector3Stamped"))
-        for name in named(names)
-    }
-    assert shown == topics
-
-
 def test_parameters_named_in_the_text_exist(checkout):
     known = {row.key for row in scene_parameters(("<name>", "force"), ("<name>",), ("<name>",))}
     groups = {key.partition(".")[0] for key in known if "." in key}

@@ -203,5 +203,3 @@ def test_a_bomb_in_place_of_a_file(tmp_path, storage):
     path.write_bytes(zeros())
     with pytest.raises(BagError, match="unpacks to far more than a recording of its size can hold"):
         Bag(path)
-
-

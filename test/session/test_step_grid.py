@@ -2,7 +2,7 @@
 
 import pytest
 
-from dlo_sim.session.gripper_path import StepGrid, grid_multiple_at_or_after
+from dlo_sim.session.gripper_path import StepGrid
 
 
 @pytest.mark.parametrize("step", [1e-3, 1 / 3000, 1.7e-5, 0.01])
@@ -14,9 +14,3 @@ def test_grid_searches_agree_with_its_times(step, origin):
         assert grid.first_at_or_after(at) == grid.last_at_or_before(at) == index
         assert grid.first_at_or_after(at - 1) == index == grid.last_at_or_before(at + 1)
         assert grid.first_at_or_after(at + 1) == index + 1 == grid.last_at_or_before(at - 1) + 2
-
-
-def test_simulations_begin_at_multiples_of_the_step():
-    assert grid_multiple_at_or_after(10_000_000, 1e-3) == 10_000_000
-    assert grid_multiple_at_or_after(10_000_001, 1e-3) == 11_000_000
-    assert grid_multiple_at_or_after(-1, 1e-3) == 0
