@@ -108,12 +108,7 @@ def test_velocities_are_derivatives(motion, t):
     ],
 )
 def test_refuses(change, text):
-    values = {
-        "start": 0.0,
-        "duration": 1.0,
-        "position": np.zeros(3),
-        "orientation": [0, 0, 0, 1],
-    }
+    values = {"start": 0.0, "duration": 1.0, "position": np.zeros(3), "orientation": [0, 0, 0, 1]}
     with pytest.raises(ValueError, match=text):
         EndMotion(**(values | change))
 

@@ -223,11 +223,7 @@ def offline(bag: Path, scene: Scene, output: Path) -> dict[int, bytes]:
 
 
 def play(
-    bag: Path,
-    scene: Scene,
-    domain: int,
-    peer: Peer,
-    started: Callable[..., NodeProcess],
+    bag: Path, scene: Scene, domain: int, peer: Peer, started: Callable[..., NodeProcess]
 ) -> tuple[Publications, dict[str, str], int]:
     """Play a bag into a node; returns what it published, its diagnostics and the shift [ns]."""
     node = started({key: value for key, value in scene_values(scene).items() if value != []})

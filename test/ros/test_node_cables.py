@@ -167,10 +167,7 @@ def test_one_that_is_refused_and_one_that_fails_do_not_stop_the_other(
         ({"cables": "[a]", "a.scene": "3"}, "scene: 3"),
         ({"cables": "[a]", "rate": "9.0", "a.lifecycle": "3"}, "lifecycle: 3"),
         ({"cables": "[a]", "b.cable.length": "2.0"}, "b.cable.length: 2.0 is for a cable 'b'"),
-        (
-            {"cables": "[a, b]", "c.scene": "x"},
-            "c.scene: 'x' is for a cable 'c'; cables names a",
-        ),
+        ({"cables": "[a, b]", "c.scene": "x"}, "c.scene: 'x' is for a cable 'c'; cables names a"),
         ({"cables": "[a]", "cabel.length": "2.0"}, "cabel.length: 2.0 is for"),
         ({"cables": "[a]", "use_sim_time": "false"}, "a.scene: is not given; name a shipped scene"),
         ({"lifecycle": "later"}, "lifecycle: 'later'"),

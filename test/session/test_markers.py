@@ -162,10 +162,7 @@ def test_they_live_as_long_as_they_say_and_go_all_at_once():
     session = session_of()
     run(
         session,
-        [
-            (0.0, plate(0, lifetime=0.2), plate(1, (0.0, 0.5, 0.0))),
-            (0.1, plate(0, lifetime=0.2)),
-        ],
+        [(0.0, plate(0, lifetime=0.2), plate(1, (0.0, 0.5, 0.0))), (0.1, plate(0, lifetime=0.2))],
         0.3,
     )
     assert [one.name for one in session.simulator.scene.added] == ["cell/0", "cell/1"]

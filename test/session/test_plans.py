@@ -82,11 +82,7 @@ def test_a_plan_without_a_stamp_begins_as_it_comes(session, turn):
 @pytest.mark.parametrize(
     ("changes", "reason", "text"),
     [
-        (
-            {"joints": ["tcp"]},
-            "bad_plan",
-            "tcp; name what holds the cable, each once: start",
-        ),
+        ({"joints": ["tcp"]}, "bad_plan", "tcp; name what holds the cable, each once: start"),
         ({"joints": []}, "bad_plan", "has the joints none"),
         ({"joints": ["end"]}, "bad_plan", "has the joints end; name what holds the cable"),
         ({"joints": ["start", "start"]}, "bad_plan", "has the joints start, start"),

@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 from dlo_sim.core import one_rotation, rotations
-from dlo_sim.session.gripper_path import (
-    Pose,
-    SmoothedPoses,
-    weights_of_the_value_at_zero,
-)
+from dlo_sim.session.gripper_path import Pose, SmoothedPoses, weights_of_the_value_at_zero
 from dlo_sim.session.time_base import SECOND
 
 MS = 1_000_000
