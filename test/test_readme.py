@@ -61,7 +61,7 @@ def named(text: str) -> list[str]:
 PAGES = ["README.md", "config/README.md", "config/NODE.md", "config/METHODS.md"]
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", [*PAGES, "CONTRIBUTING.md"])
 def test_generated_parts_are_what_the_code_says(checkout, page):
     text = (checkout / page).read_text(encoding="utf-8")
     found, made = readme_blocks.found_blocks(text), readme_blocks.PAGES.get(page, {})
@@ -69,12 +69,6 @@ def test_generated_parts_are_what_the_code_says(checkout, page):
     for name, make in made.items():
         assert found[name] == make(), "run `python test/readme_blocks.py`"
         assert len(found[name].splitlines()) > 5
-
-
-def test_picture_of_the_rooms_is_drawn_from_the_imports(checkout):
-    drawn = (checkout / "resource" / "rooms.svg").read_text(encoding="utf-8")
-    assert drawn == readme_blocks.rooms(), "run `python test/readme_blocks.py`"
-    assert drawn.count("<polygon") >= 8, "there are arrows"
 
 
 @pytest.mark.parametrize(
@@ -113,7 +107,7 @@ def test_files_that_a_page_names_exist(checkout, page):
     assert [name for name in linked if not (folder / name).exists()] == []
     spoken = [name for name in named(text) if re.match(r"(config|test|resource)/[\w./]+$", name)]
     assert [name for name in spoken if not (checkout / name).exists()] == []
-    assert linked
+    assert linked or spoken
 
 
 def test_scene_in_the_readme_is_accepted(readme, tmp_path):
@@ -159,18 +153,6 @@ def test_table_of_topics_is_complete(node_page):
         shown |= {(name, direction, kind) for name in named(names)}
         assert meaning
     assert shown == wanted
-
-
-def test_every_wrench_has_its_sign_and_frame(node_page):
-    text = section(node_page, "The sign and the frame of every wrench")
-    shown = {name for row in table_rows(text) for name in named(row[0]) if name.startswith("~/")}
-    topics = {
-        name
-        for names, _, kind, _ in table_rows(section(node_page, "Topics"))
-        if kind.endswith(("WrenchStamped", "Vector3Stamped"))
-        for name in named(names)
-    }
-    assert shown == topics
 
 
 def test_parameters_named_in_the_text_exist(checkout):

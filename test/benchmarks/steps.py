@@ -1,6 +1,6 @@
-"""Time of a step: against the number of control points, at steps of milliseconds, on all cores.
+"""Time of a step: against the number of control points, at steps of milliseconds.
 
-    python test/benchmarks/steps.py [sizes] [stiff] [cores]
+    python test/benchmarks/steps.py [sizes] [stiff]
 
 prints a table for each of the named parts, for all by default. Times are the least of
 repeats that run in turn, so that other load on the machine affects all of them alike.
@@ -13,8 +13,6 @@ from itertools import product
 
 import numpy as np
 
-from dlo_sim.batch import simulate_batch
-from dlo_sim.batch.workers import HERE, open_workers
 from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation.simulator import Simulator
@@ -96,22 +94,7 @@ def stiff():
         print(" | ".join([method, str(n), f"{1e3 * step:g}", *cells, work]), flush=True)
 
 
-def cores():
-    """A batch on all workers against the same in this process, and whether the bits agree."""
-    diameters = 0.002 * (1.0 + 0.2 * np.arange(128) / 128)
-    scenes = [wire("paper_wire", "forest_ruth", 13, d) for d in diameters.tolist()]
-    found = {}
-    with open_workers() as crew:
-
-        def run(workers):
-            found[workers] = simulate_batch(scenes, 0.25, workers=workers).control_points
-
-        one, every = least(5, lambda: run(HERE), lambda: run(crew))
-        same = found[HERE].tobytes() == found[crew].tobytes()
-        print(f"\n{crew.count} workers: {one / every:.2f} times as fast as one, same bits: {same}")
-
-
-PARTS = {"sizes": sizes, "stiff": stiff, "cores": cores}
+PARTS = {"sizes": sizes, "stiff": stiff}
 if __name__ == "__main__":
     for part in sys.argv[1:] or PARTS:
         PARTS[part]()

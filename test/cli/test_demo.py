@@ -1,6 +1,5 @@
 """`dlo_sim demo`: report and exit status, with a demo that is made up; the real one has tests."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -44,13 +43,6 @@ def test_report_says_what_was_made_and_what_to_try_next(runner, capsys):
     for part in ("d/predicted", "41 messages used", "88 x real", "pip install matplotlib"):
         assert part in shown
     assert shown.splitlines()[-1].split() == ["live", "ros2", "run", "dlo_sim", "node"]
-
-
-def test_json_is_the_last_line(runner, capsys):
-    assert main(["demo", "--output", "elsewhere", "--json"]) == 0
-    assert runner.folders == [Path("elsewhere")]
-    values = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert (values["status"], values["messages_used"]) == ("done", 41)
 
 
 def test_failed_demo_is_reported(runner, capsys):

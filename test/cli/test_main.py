@@ -1,8 +1,6 @@
 """The command as a whole: subcommands, exit status, one line for what is refused."""
 
-import json
 import os
-import re
 import subprocess
 import sys
 
@@ -10,7 +8,7 @@ import pytest
 
 import dlo_sim
 from dlo_sim.cli.main import SUBCOMMANDS, main
-from dlo_sim.scene.description import PARAMETERS, markdown_table
+from dlo_sim.scene.description import markdown_table
 
 
 def test_version(capsys):
@@ -18,15 +16,6 @@ def test_version(capsys):
         main(["--version"])
     assert caught.value.code == 0
     assert capsys.readouterr().out == f"dlo_sim {dlo_sim.__version__}\n"
-
-
-def test_help_lists_every_subcommand(capsys):
-    with pytest.raises(SystemExit) as caught:
-        main(["--help"])
-    assert caught.value.code == 0
-    shown = capsys.readouterr().out
-    assert len(SUBCOMMANDS) >= 6
-    assert [name for name in SUBCOMMANDS if not re.search(rf"^ +{name}( |$)", shown, re.M)] == []
 
 
 @pytest.mark.parametrize("name", SUBCOMMANDS)
@@ -88,14 +77,6 @@ def test_parameters_prints_the_table(capsys):
     assert capsys.readouterr().out == markdown_table() + "\n"
 
 
-def test_parameters_as_json(capsys):
-    assert main(["parameters", "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out.splitlines()[-1])["parameters"]
-    keys = [row["key"] for row in rows if "<name>" not in row["key"]]
-    assert keys == [row.key for row in PARAMETERS]
-    assert rows[2]["unit"] == "m"
-
-
 def test_methods_are_listed_with_what_they_can_do(capsys):
     from dlo_sim.core.methods import METHODS
 
@@ -107,15 +88,6 @@ def test_methods_are_listed_with_what_they_can_do(capsys):
     assert row[1:7] == ["4", "yes", "yes", "no", "3", "1.5734"]
 
 
-def test_methods_as_json(capsys):
-    from dlo_sim.core.methods import METHODS
-
-    assert main(["methods", "--json"]) == 0
-    listed = json.loads(capsys.readouterr().out.splitlines()[-1])["methods"]
-    assert {method["name"] for method in listed} == set(METHODS)
-    assert next(m for m in listed if m["name"] == "implicit_midpoint")["stability_limit"] is None
-
-
 @pytest.mark.parametrize("arguments", [["methods"], ["parameters"]])
 def test_a_full_disk_behind_stdout_is_one_line(arguments):
     with open("/dev/full", "w") as full:
@@ -125,12 +97,6 @@ def test_a_full_disk_behind_stdout_is_one_line(arguments):
     assert done.returncode == 3
     line = done.stderr.decode()
     assert line.count("\n") == 1 and "standard output: No space left on device" in line
-
-
-def test_a_closed_stdout_is_no_error():
-    command = f"{sys.executable} -m dlo_sim methods >&-"
-    done = subprocess.run(["sh", "-c", command], stderr=subprocess.PIPE)
-    assert (done.returncode, done.stderr) == (0, b"")
 
 
 @pytest.mark.parametrize(

@@ -96,11 +96,6 @@ def test_refused_bag_is_one_line(replayer, capsys):
     assert err == "dlo_sim: error: bag in.bag is empty: it has no topic\n"
 
 
-def test_output_is_optional(replayer):
-    assert main(["replay", "in.bag", "--params", "hanging_cable"]) == 0
-    assert replayer.calls[0][2] is None
-
-
 def written(folder, duration):
     """A bag of the demo's motion, so long [s], and its scene."""
     bag, scene = folder / "bag", folder / "scene.yaml"
@@ -161,17 +156,4 @@ def test_a_replay_that_is_ended_leaves_nothing(replaying):
     assert [line for line in errors.splitlines() if "compiling" not in line] == [
         "dlo_sim: interrupted"
     ]
-    assert parts() == set()
-
-
-def test_the_next_replay_removes_what_a_killed_one_left(replaying):
-    start, parts = replaying
-    process = start()
-    process.kill()
-    process.wait()
-    (left,) = parts()
-    process = start()
-    assert left not in parts()
-    process.terminate()
-    process.communicate(timeout=60.0)
     assert parts() == set()

@@ -67,33 +67,6 @@ def test_disk_that_fills_up_keeps_the_old_file(capsys, tmp_path, monkeypatch):
     assert [entry.name for entry in tmp_path.iterdir()] == ["run.npz"]
 
 
-@pytest.mark.parametrize("terminal", [True, False])
-def test_one_line_when_machine_code_is_missing(capsys, monkeypatch, terminal):
-    """Between what goes to a terminal, or the only line of a service; never on stdout."""
-    from dlo_sim.compiling import directory
-    from dlo_sim.simulation import recording
-
-    def record(*arguments, **options):
-        for name in ("one", "another"):
-            with directory.kept(name):
-                pass
-        return recorded(*arguments, **options)
-
-    recorded = recording.record
-    monkeypatch.setattr(recording, "record", record)
-    monkeypatch.setattr(directory, "_said", set())
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
-    assert main(["simulate", "paper_wire", "--duration", "0.01", "--json"]) == 0
-    out, err = capsys.readouterr()
-    assert json.loads(out)["status"] == "ok" and out.count("\n") == 1
-    kept = directory.base_directory()
-    line = f"dlo_sim: compiling, once per installation, some 25 s, kept in {kept}\n"
-    assert err.count("compiling") == 1 and line in err
-    assert err == line or terminal
-    assert main(["simulate", "paper_wire", "--duration", "0.01"]) == 0
-    assert "compiling" not in capsys.readouterr().err, "a warm start"
-
-
 def test_what_was_recorded_is_kept_when_interrupted(tmp_path):
     """Steps of a nanosecond take minutes: it says so, and Ctrl-C is no loss."""
     path = tmp_path / "run.npz"

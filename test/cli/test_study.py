@@ -1,6 +1,5 @@
 """`dlo_sim study`: refusals; what it writes is tested in test/studies/test_paper.py."""
 
-import importlib
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -8,7 +7,6 @@ from types import SimpleNamespace
 from progress import rises, shown_progress
 
 from dlo_sim.cli.main import main
-from dlo_sim.studies import STUDIES
 
 
 def test_without_matplotlib_it_says_what_to_install(tmp_path):
@@ -38,9 +36,3 @@ def test_progress_of_a_study_reaches_the_bar(tmp_path, monkeypatch, capsys):
     assert main(["study", "paper", "--output", str(tmp_path / "new")]) == 0
     assert rises(shown), shown
     assert capsys.readouterr().out == "report.md\n"
-
-
-def test_every_study_can_be_imported():
-    for name in STUDIES:
-        module = importlib.import_module(f"dlo_sim.studies.{name.replace('-', '_')}")
-        assert callable(module.run_study)

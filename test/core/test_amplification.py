@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 
-from dlo_sim.core.amplification import (
-    amplification,
-    largest_step,
-    spectral_radius,
-)
+from dlo_sim.core.amplification import amplification, largest_step, spectral_radius
 from dlo_sim.core.methods import IMPLICIT, METHODS, Method
 
 EXPLICIT = [method for method in METHODS.values() if method.family != IMPLICIT]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from differences import assert_limit
-from elasticity import Section, energies, gradient, samples, strains
+from elasticity import Section, energies, gradient, strains
 
 from dlo_sim.core import bspline, quadrature
 
@@ -40,17 +40,6 @@ def test_strains_of_a_twisted_parabola():
     assert np.allclose(found.twist_rate, 2 * b * u, rtol=0, atol=1e-12)
 
 
-def test_curvature_is_that_of_a_circle():
-    """A fine spline through a circle of radius 0.3 m, at three fifths of the rest length."""
-    knots, points = spline_through(
-        60, lambda u: 0.3 * np.stack((np.cos(2 * u), 0 * u, np.sin(2 * u), 0 * u), axis=1)
-    )
-    found = strains(points, knots, np.linspace(0.1, 1.2, 50))
-    assert np.allclose(found.curvature, 1 / 0.3, rtol=3e-4)
-    assert np.allclose(found.stretch, 0.4, atol=1e-5)
-    assert np.allclose(found.binormal[:, 1], -1 / 0.3, rtol=3e-4)
-
-
 def test_energies_of_the_parabola_by_fine_integration():
     a, b = 0.7, 0.4
     knots, points = spline_through(8, lambda u: np.stack((u, a * u**2, 0 * u, b * u**2), axis=1))
@@ -72,13 +61,6 @@ def test_a_straight_cable_holds_no_energy_but_that_of_its_natural_curvature():
     assert np.allclose(energies(points, knots, rule, Section(EA=30, EI=1, GJ=1)), 0.0, atol=1e-25)
     bent = Section(EI=0.02, rest_curvature=(2.0,))
     assert energies(points, knots, rule, bent)[1] == pytest.approx(0.5 * 0.02 * 4 * LENGTH)
-
-
-def test_natural_curvature_is_linear_between_its_values():
-    knots, points = spline_through(9, lambda u: np.stack((u, 0 * u, 0 * u, 0 * u), axis=1))
-    rule = quadrature.gauss(np.linspace(0.0, LENGTH, 7), 3)
-    tent = Section(EI=2.0, rest_curvature=(0.0, 3.0, 0.0))
-    assert energies(points, knots, rule, tent)[1] == pytest.approx(9.0 / 3.0 * LENGTH)
 
 
 @pytest.mark.parametrize(
@@ -122,14 +104,6 @@ def test_rigid_motion_changes_nothing():
     assert np.allclose(after, before, rtol=1e-12)
     unturned = energies(moved, knots, rule, SECTION)
     assert abs(unturned[1] - before[1]) > 1e-3 * before[1]  # the axis stays in the world
-
-
-def test_padding_is_no_sample():
-    u, weights = samples(
-        quadrature.uniform(np.linspace(0.0, LENGTH, 4), 8), bspline.clamped_knots(6, LENGTH)
-    )
-    assert np.allclose(u, np.linspace(0, LENGTH, 8), atol=1e-15)
-    assert np.all(weights > 0)
 
 
 def test_a_vanishing_tangent_is_refused():

@@ -91,26 +91,6 @@ def test_velocities_are_derivatives(motion, t):
     )
 
 
-def test_orientation_turns_in_the_world_frame(motion):
-    expected = rotations.multiply(
-        rotations.from_rotation_vector([0.08, 0.2, 0.1]), motion.orientation
-    )
-    assert np.allclose(motion.orientation_at(2.2), expected)
-
-
-def test_evaluates_many_times_at_once(motion):
-    t = np.linspace(1.9, 2.7, 7)
-    assert np.array_equal(motion.position_at(t), [motion.position_at(x) for x in t])
-    assert np.array_equal(motion.orientation_at(t), [motion.orientation_at(x) for x in t])
-
-
-def test_resting():
-    rest = EndMotion.resting([1, 2, 3], start=5.0)
-    assert np.array_equal(rest.position_at(7.0), [1, 2, 3])
-    assert np.array_equal(rest.orientation_at(7.0), [0, 0, 0, 1])
-    assert not rest.velocity_at([5.0, 7.0]).any()
-
-
 @pytest.mark.parametrize(
     ("change", "text"),
     [
@@ -128,12 +108,7 @@ def test_resting():
     ],
 )
 def test_refuses(change, text):
-    values = {
-        "start": 0.0,
-        "duration": 1.0,
-        "position": np.zeros(3),
-        "orientation": [0, 0, 0, 1],
-    }
+    values = {"start": 0.0, "duration": 1.0, "position": np.zeros(3), "orientation": [0, 0, 0, 1]}
     with pytest.raises(ValueError, match=text):
         EndMotion(**(values | change))
 

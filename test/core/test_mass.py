@@ -53,14 +53,6 @@ def test_lumped_keeps_the_mass_and_its_centre_but_not_its_inertia(n):
     assert band[0] @ g**2 > LENGTH**3 / 3 * 1.0001
 
 
-def test_gram_of_slopes_has_constants_and_gives_the_energy_of_a_line():
-    knots = bspline.clamped_knots(9, LENGTH)
-    band = mass.gram(knots, 1)
-    assert np.allclose(mass.multiply(band, np.ones(9)), 0.0, atol=1e-12)
-    g = bspline.greville(knots)
-    assert g @ mass.multiply(band, g) == pytest.approx(LENGTH, rel=1e-13)
-
-
 def test_gram_of_a_rule_is_that_rules_sum():
     """One midpoint a span: rank is the number of spans, not more."""
     knots = bspline.clamped_knots(9, LENGTH)

@@ -62,16 +62,6 @@ def test_uniform_is_the_trapezoidal_rule_on_equal_steps(n_spans, samples):
     assert np.sum(rule.weights * values) == pytest.approx(expected, rel=1e-13)
 
 
-def test_a_sample_on_a_knot_counts_once_with_its_whole_weight():
-    """Seven samples on three spans: every knot carries one."""
-    rule = quadrature.uniform(np.linspace(0.0, LENGTH, 4), 7)
-    step = LENGTH / 6
-    assert rule.weights.shape == (3, 3)
-    assert np.allclose(rule.xi, [[-1, 0, 0], [-1, 0, 0], [-1, 0, 1]], atol=1e-15)
-    expected = [[0.5, 1, 0], [1, 1, 0], [1, 1, 0.5]]
-    assert np.allclose(rule.weights, step * np.array(expected), atol=1e-15)
-
-
 def test_knots_are_found_at_every_size():
     """samples = 10 spans + 1: each inner knot belongs to the span on its right, at xi = -1."""
     for n_spans in range(1, 60):

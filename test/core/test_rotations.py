@@ -48,11 +48,6 @@ def test_multiply_applies_the_right_factor_first():
     assert np.allclose(r.multiply(a, r.conjugate(a)), [0, 0, 0, 1])
 
 
-def test_rotate_equals_matrix_product():
-    q, v = random_quaternions(50), np.random.default_rng(4).normal(size=(50, 3))
-    assert np.allclose(r.rotate(q, v), np.einsum("nij,nj->ni", r.to_matrix(q), v))
-
-
 def test_from_matrix_inverts_to_matrix_also_at_half_turns():
     half_turns = np.eye(4)[:3]  # about x, y, z: the trace formula divides by zero here
     q = np.concatenate([random_quaternions(50), half_turns, [[0, 0, 0, 1.0]]])

@@ -30,14 +30,6 @@ def expected(n, free, rigidity):
     return np.sqrt(np.linalg.eigvals(np.linalg.solve(inertia, rigidity * full)).real.max())
 
 
-def test_dense_restores_the_rows():
-    full, _ = axial_bar(6, 2, (1.0, 5.0))
-    assert full.shape == (12, 12)
-    assert np.allclose(full, full.T)
-    assert np.allclose(full[1::2, 1::2], 5.0 * full[::2, ::2])
-    assert not full[::2, 1::2].any()
-
-
 @pytest.mark.parametrize("n", [4, 9, 20])
 def test_largest_of_several_lines_with_held_ends(n):
     stiffness, inertia = axial_bar(n, 3, (1.0, 50.0, 3.0))

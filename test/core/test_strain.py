@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dlo_sim.core import bspline
-from dlo_sim.core.strain import Strain, strain
+from dlo_sim.core.strain import Strain
 
 LENGTH = 0.8
 U = np.linspace(0.0, LENGTH, 33)
@@ -48,12 +48,3 @@ def test_tension_that_rises_along_a_straight_line():
     inside = (U > 0.07) & (U < LENGTH - 0.07)
     assert found.tension(points, 10.0, 1.0)[inside] == pytest.approx(U[inside], abs=1e-12)
     assert found.curvature(points) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_many_shapes_at_once():
-    knots, points = circle(9, 0.25)
-    many = np.stack([points, 2.0 * points])
-    found = strain(knots, U)
-    assert found.curvature(many).shape == found.tension(many, 1.0, 1.0).shape == (2, 33)
-    assert found.curvature(many)[1] == pytest.approx(found.curvature(points) / 2.0)
-    assert strain(knots.copy(), U.copy()) is found

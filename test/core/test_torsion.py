@@ -74,18 +74,3 @@ def test_straight_cable_has_none_and_says_so() -> None:
     assert np.array_equal(torsion.torsion(points, KNOTS, u, FLOOR), np.zeros(50))
     assert torsion.undefined(points, KNOTS, u, FLOOR).all()
     assert np.isfinite(torsion.gradient(points, KNOTS, RULE, GJ, 1e-12)).all()
-
-
-def test_rigid_motion_changes_nothing() -> None:
-    points = bent()
-    turn, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
-    turn *= np.linalg.det(turn)
-    moved = points.copy()
-    moved[:, :3] = points[:, :3] @ turn.T + [1.0, -2.0, 0.5]
-    here, there = (torsion.energy(p, KNOTS, RULE, GJ, FLOOR) for p in (points, moved))
-    assert here > 1e-3
-    assert there == pytest.approx(here, rel=1e-12)
-    force = torsion.gradient(points, KNOTS, RULE, GJ, FLOOR)[:, :3]
-    assert np.abs(force.sum(axis=0)).max() < 1e-12 * np.abs(force).max()
-    moment = np.cross(points[:, :3], force).sum(axis=0)
-    assert np.abs(moment).max() < 1e-12 * np.abs(force).max()

@@ -14,15 +14,6 @@ def axes(poses):
     return rotations.to_matrix(poses[:, 3:])
 
 
-def test_they_are_midway_and_point_from_the_first_to_the_second():
-    points = np.random.default_rng(5).normal(size=(40, 2, 3))
-    poses = poses_of_two_points(points, IDENTITY)
-    apart = points[:, 1] - points[:, 0]
-    assert poses[:, :3] == pytest.approx(points.mean(axis=1), abs=1e-15)
-    directions = apart / np.linalg.norm(apart, axis=1, keepdims=True)
-    assert axes(poses)[:, :, 0] == pytest.approx(directions, abs=1e-12)
-
-
 def test_another_direction_of_the_end_effector_can_point_along_them():
     points = np.random.default_rng(6).normal(size=(3, 2, 3))
     poses = poses_of_two_points(points, IDENTITY, body=(0.0, 0.6, 0.8))

@@ -8,10 +8,6 @@ and prints what was measured:
 disturbed  a change of a parameter every second; in each minute the process is stopped for 1.5 s, a
            publisher is silent for 3 s, and all stamps jump by an hour for 6 s
 rates      age and jitter of the outputs, and processor time
-latency    age against `inputs.latency`: below some latency the next pose has not arrived when its
-           state is due, and the age decreases no further
-obstacles  late ticks with ten primitives from markers, three of which touch, beside those of a node
-           without, at the same time
 overload   the process is stopped for 92 % of each 50 ms: what is shed, and when
 
 Age is arrival minus stamp of ~/control_points, jitter the deviation of the time between two
@@ -36,13 +32,11 @@ sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("endurance",
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseStamped, WrenchStamped
-from marker_arrays import array, marker
 from node_harness import START, NodeProcess, Peer, write_params
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from soak import gripper
-from visualization_msgs.msg import MarkerArray
 
 from dlo_sim.scene.loading import load_scene, scene_values
 from dlo_sim.session import cdr
@@ -50,7 +44,6 @@ from dlo_sim.session import cdr
 SECOND = 1_000_000_000
 WRENCH, CONTROL_POINTS = "/dlo_sim/hand/wrench", "/dlo_sim/control_points"
 POSES = {f"/dlo_sim/{end}/pose": end for end in ("start", "end")}
-PEG, ALONG_Y = (0.04, 0.04, 0.4), (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))  # size, orientation
 CHANGES = (
     {"damping.air_drag": 0.006},
     {"outputs.marker_rate": 20.0},
@@ -230,55 +223,6 @@ def rates(seconds):
             print(f"{rate:g} | {n} | {age} | {late} | {share:.2f}", flush=True)
 
 
-def latencies(seconds):
-    """Age against `inputs.latency`, poses at 500 Hz."""
-    print("\nlatency [ms] | age [ms] | 99 % | late messages")
-    for latency in (0.001, 0.002, 0.003, 0.005, 0.008, 0.012, 0.06):
-        values = {"inputs.latency": latency, "accuracy.estimate": "off"}
-        with Run(500.0, 13, 500.0, **values) as run:
-            run.until(seconds)
-            median, most, _ = run.age()
-            late = run.count("event late")
-            print(f"{1e3 * latency:g} | {median:.2f} | {most:.2f} | {late}", flush=True)
-
-
-def obstacles(seconds):
-    """Late ticks of a node whose cable hangs over three pegs, which come and rise, among ten
-    obstacles; and of one without, which runs at the same time."""
-    print("\nobstacles | late ticks | dropped | tick [ms] | contact [N] | shed | share of a core")
-    topics = {"contact.markers": 10, "contact.friction": 0.3}
-    with Run(200.0, 20) as alone, Run(200.0, 20, **topics) as touched:
-        publisher = touched.peer.node.create_publisher(MarkerArray, "/dlo_sim/obstacles", 10)
-        before = [run.look()[0] for run in (alone, touched)]
-        for k in range(round(10.0 * seconds)):
-            height = min(0.05 + 0.02 * k, 0.31)
-            stamp = time.time_ns()
-            pegs = [
-                marker(j, (0.2 * j, 0.0, height), PEG, cdr.CYLINDER, turn=ALONG_Y)
-                for j in (1, 2, 3)
-            ]
-            far = [marker(j, (0.1 * j, 0.4, 0.3), (0.05,) * 3, j % 2 + 1) for j in range(4, 11)]
-            publisher.publish(array(stamp, *pegs, *far))
-            alone.until(0.1 * k + 0.05)
-            touched.until(0.1 * k + 0.1)
-        for run in (alone, touched):
-            run.until(run.now + 1.5)  # the last diagnostics
-        for name, run, begun in zip(("none", "ten"), (alone, touched), before, strict=True):
-            found = [values for _, values in run.said]
-            node, session = (
-                [values[f"/dlo_sim: {one}"] for values in found if f"/dlo_sim: {one}" in values][-1]
-                for one in ("node", "session")
-            )
-            shed = [key for key in session if key.endswith("_spared")]
-            share = (run.look()[0] - begun) / seconds
-            print(
-                f"{name} | {node['late ticks']} | {node['dropped ticks']} | "
-                f"{node['tick time mean [ms]']} | {session.get('contact force [N]', '-')} | "
-                f"{', '.join(shed) or '-'} | {share:.2f}",
-                flush=True,
-            )
-
-
 def overload(begin, end, seconds):
     """Too little processor time for a while: when what was shed, and when it was taken up."""
     print("\ntime [s] | event | count so far")
@@ -302,6 +246,4 @@ if __name__ == "__main__":
     short = min(1.0, asked / 120.0)
     disturbed(asked)
     rates(max(8.0, 60.0 * short))
-    latencies(max(6.0, 15.0 * short))
-    obstacles(max(8.0, 60.0 * short))
     overload(3.0, 3.0 + 20.0 * max(short, 0.45), 3.0 + 70.0 * max(short, 0.3))

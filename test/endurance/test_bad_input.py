@@ -5,10 +5,6 @@ test runs a few examples; `pytest test/endurance --hypothesis-profile=long` runs
 """
 
 import shutil
-import signal
-import subprocess
-import sys
-import time
 
 import numpy as np
 import pytest
@@ -18,7 +14,7 @@ from hypothesis import strategies as st
 from marker_arrays import array, marker
 from plans import still_plan
 
-from dlo_sim.replay.bags import BagError, BagWriter
+from dlo_sim.replay.bags import Bag, BagError, BagWriter
 from dlo_sim.replay.replay import ReplayError, replay_bag
 from dlo_sim.scene.description import PARAMETERS
 from dlo_sim.scene.loading import scene_from_values
@@ -28,7 +24,6 @@ from dlo_sim.session.plans import answer, request
 from dlo_sim.session.session import Session, SessionStatus
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.topics import PLAN
-from dlo_sim.tuning.scene_file import scene_text
 
 pytestmark = pytest.mark.slow
 
@@ -72,8 +67,6 @@ ALL_INPUTS = {
     "forecast.processes": 1,
     "contact.markers": 3,
 }
-COMMANDS = ("simulate", "replay", "node")
-FEW = settings(max_examples=max(2, settings().max_examples // 10))  # examples that take a second
 
 
 def check_line(text):
@@ -265,47 +258,9 @@ def test_damaged_bags(bags, tmp_path_factory, storage, rng):
     for _ in range(rng.choice((1, 1, 3))):
         damage_bag(rng, path)
     try:
+        damage = Bag(path).damage
+        assert len(damage) < 500 and "\n" not in damage
         replay_bag(path, scene_from_values(SMALL), None)
     except (BagError, ReplayError) as refusal:
         check_line(str(refusal))
     shutil.rmtree(path)
-
-
-@FEW
-@given(
-    st.sampled_from(COMMANDS),
-    st.sampled_from((signal.SIGINT, signal.SIGTERM)),
-    st.floats(0.0, 2.5),
-)
-def test_a_signal_ends_a_command(bags, tmp_path_factory, command, kind, delay):
-    """At once, with one line and without incomplete files."""
-    if command == "node":
-        pytest.importorskip("rclpy")
-    output, scene = tmp_path_factory.mktemp("output"), bags / "scene.yaml"
-    scene.write_text(scene_text(scene_from_values(SMALL), []), encoding="utf-8")
-    words = {
-        "simulate": [scene, "--duration", "1e5", "--every", "100", "--output", output / "run.npz"],
-        "replay": [bags / "mcap", "--params", scene, "--output", output / "replayed"],
-        "node": ["--ros-args", "--params-file", scene],
-    }[command]
-    # The child inherits that the signals are blocked, and unblocks them once it handles them.
-    held = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
-    child = subprocess.Popen(
-        [sys.executable, "-m", "dlo_sim", command, *map(str, words)],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    signal.pthread_sigmask(signal.SIG_SETMASK, held)
-    try:
-        time.sleep(delay)
-        child.send_signal(kind)
-        _, said = child.communicate(timeout=60.0)
-    finally:
-        child.kill()
-    assert child.returncode in {0, 129, 130, 143}, said
-    assert "Traceback" not in said
-    check_line("" if command == "node" else said.strip())  # the node has a log
-    assert {path.name for path in output.iterdir()} <= {"run.npz", "replayed"}
-    if (output / "run.npz").exists():
-        np.load(output / "run.npz").close()

@@ -57,23 +57,6 @@ def test_a_file_appears_whole_and_replaces_the_one_before(tmp_path):
     assert entries(tmp_path) == ["run.npz"]
 
 
-def test_a_directory_appears_whole(tmp_path):
-    partial = AtomicOutput(tmp_path / "bag")
-    partial.path.mkdir()
-    (partial.path / "metadata.yaml").write_text("all")
-    partial.commit()
-    assert entries(tmp_path) == ["bag"]
-    assert entries(tmp_path / "bag") == ["metadata.yaml"]
-
-
-def test_what_is_discarded_leaves_nothing(tmp_path):
-    partial = AtomicOutput(tmp_path / "run.npz")
-    partial.path.write_text("half")
-    partial.discard()
-    partial.discard()
-    assert entries(tmp_path) == []
-
-
 def test_the_next_run_removes_what_a_killed_one_left(tmp_path, writer):
     process = writer(tmp_path / "out [1]")  # a name that a pattern would read otherwise
     process.kill()

@@ -1,19 +1,15 @@
 """Damaged and hostile bags: used as far as they can be read, one line each, within bounds."""
 
 import os
-import random
 import sqlite3
 import struct
 import sys
 import zlib
 
 import pytest
-from damage import damage_bag
-from fake_simulator import FakeSimulator
 
 from dlo_sim.cli.main import main
 from dlo_sim.replay.bags import Bag, BagError
-from dlo_sim.replay.replay import ReplayError, replay_bag
 from dlo_sim.session import cdr
 from dlo_sim.tuning.scene_file import scene_text
 
@@ -207,29 +203,3 @@ def test_a_bomb_in_place_of_a_file(tmp_path, storage):
     path.write_bytes(zeros())
     with pytest.raises(BagError, match="unpacks to far more than a recording of its size can hold"):
         Bag(path)
-
-
-# ---------------------------------------------------------------------------------------- at random
-
-
-@pytest.mark.parametrize("storage", STORAGES)
-def test_whatever_is_damaged(make_bag, scene, tmp_path, storage):
-    rng = random.Random(13)
-    good = [f.read_bytes() for f in sorted(make_bag(storage=storage, name="good").iterdir())]
-    slow = scene.with_values({"rate": 20.0})  # bit errors make gaps of minutes
-    refused = damaged = replayed = 0
-    for number in range(40):
-        path = make_bag([], storage=storage, name=f"bag_{number}")
-        for file, data in zip(sorted(path.iterdir()), good, strict=True):
-            file.write_bytes(data)
-        for _ in range(rng.choice([1, 1, 3])):
-            damage_bag(rng, path)
-        try:
-            bag, _ = read(path)
-            damaged += bool(bag.damage)
-            replay_bag(path, slow, None, simulator_factory=FakeSimulator)
-            replayed += 1
-        except (BagError, ReplayError) as refusal:
-            assert str(refusal).isprintable()
-            refused += 1
-    assert refused + replayed == 40 and replayed > 15 and damaged > 10

@@ -187,18 +187,6 @@ def test_stamps_are_read_as_their_types_say(make_bag, kind):
     assert times == [T0 + k * 20_000_000 for k in range(5)]
 
 
-def test_simulated_time_that_begins_at_zero_is_a_time(make_bag, recorded, scene, tmp_path):
-    pose = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
-    found = [
-        ("/gripper_pose", t, pose.encode(t, (0, 0, 0.5, 0, 0, 0, 1)))
-        for t in range(0, SECOND, 20_000_000)
-    ]
-    bag = Bag(make_bag(found))
-    assert bag.undated == 0 and bag.span_ns[0] == 0
-    assert [m.time_ns for m in bag.messages(TOPICS)] == [m[1] for m in found]
-    assert Bag(make_bag(found[3:], name="later")).span_ns == (found[3][1], found[-1][1])
-
-
 def test_pauses_of_hours_do_not_fill_diagnostics(make_bag, scene, tmp_path):
     """What was recorded before a pause is simulated to its end, as at the end of the bag."""
     pose = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")

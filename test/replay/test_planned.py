@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from plans import trajectory
 
 from dlo_sim import Plan, Simulator
 from dlo_sim.cli.main import main
@@ -27,24 +28,11 @@ def poses(side=1.0):
     return rows
 
 
-def trajectory(joints=("start",), times=TIMES, shift=0.0):
-    """A message as a planner sends it."""
-    types = cdr.STORE.types
-    vector, turn = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
-    transform = types["geometry_msgs/msg/Transform"]
-    duration, time_of = (types[f"builtin_interfaces/msg/{kind}"] for kind in ("Duration", "Time"))
-    points = []
-    for time, pose in zip(times, poses(), strict=True):
-        moved = [pose + [shift, 0.0, -0.3 * k, 0.0, 0.0, 0.0, 0.0] for k in range(len(joints))]
-        points.append(
-            cdr.new(
-                "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
-                transforms=[transform(vector(*row[:3]), turn(*row[3:])) for row in moved],
-                time_from_start=duration(*divmod(round(time * SECOND), SECOND)),
-            )
-        )
-    header = types["std_msgs/msg/Header"](time_of(*divmod(T0, SECOND)), "")
-    return cdr.write(cdr.TRAJECTORY, types[cdr.TRAJECTORY](header, list(joints), points))
+def planned(joints=("start",), shift=0.0):
+    """A message as a planner sends it; each joint 0.3 m below the one before."""
+    moved = [poses() + [shift, 0.0, -0.3 * k, 0.0, 0.0, 0.0, 0.0] for k in range(len(joints))]
+    times_ns = [round(time * SECOND) for time in TIMES]
+    return trajectory(joints, times_ns, np.stack(moved, axis=1), T0)
 
 
 def recorded():
@@ -63,7 +51,7 @@ def given(scene, make_bag, tmp_path):
 
     def make(kind):
         if kind == "trajectory":
-            return make_bag([("/planner", T0, trajectory())], PLANNED)
+            return make_bag([("/planner", T0, planned())], PLANNED)
         if kind == "poses":
             return make_bag(recorded(), {"/gripper_pose": cdr.POSE_STAMPED})
         path = tmp_path / f"plan.{kind}"
@@ -134,9 +122,9 @@ def test_bad_arrays_are_refused_in_one_line(scene, tmp_path, arrays, complaint):
 @pytest.mark.parametrize(
     ("messages", "topics", "complaint"),
     [
-        ([("/planner", T0, trajectory())] * 2, PLANNED, "holds 2 plans; give --number"),
-        ([("/planner", T0, trajectory(["tcp"]))], PLANNED, "has the joints tcp"),
-        ([("/planner", T0, trajectory()[:-9])], PLANNED, "plan cannot be read (1"),
+        ([("/planner", T0, planned())] * 2, PLANNED, "holds 2 plans; give --number"),
+        ([("/planner", T0, planned(["tcp"]))], PLANNED, "has the joints tcp"),
+        ([("/planner", T0, planned()[:-9])], PLANNED, "plan cannot be read (1"),
         ([("/other", T0, recorded()[0][2])], {"/other": cdr.POSE_STAMPED}, "nor poses for the"),
         (recorded()[:1], {"/gripper_pose": cdr.POSE_STAMPED}, "not there at the same time"),
         ([("/gripper_pose", T0, b"\0\1\0\0")], {"/gripper_pose": cdr.POSE_STAMPED}, "record again"),
@@ -160,7 +148,7 @@ def test_files_that_are_none(scene, tmp_path):
 
 
 def test_one_of_several_plans(scene, make_bag):
-    found = [("/planner", T0 + k, trajectory(shift=0.1 * k)) for k in range(3)]
+    found = [("/planner", T0 + k, planned(shift=0.1 * k)) for k in range(3)]
     plan = read_plan(make_bag(found, PLANNED), scene, 2)
     assert plan.poses["start"][0, 0] == pytest.approx(0.1)
 

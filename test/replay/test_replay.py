@@ -74,45 +74,7 @@ class TestDone:
         replay_bag(path, scene, tmp_path / "deeper" / "two")
         assert files(tmp_path / "one") == files(tmp_path / "deeper" / "two")
         assert len(files(tmp_path / "one")) == 2
-
-    def test_nothing_temporary_is_left(self, make_bag, scene, tmp_path, storage):
-        replay_bag(make_bag(storage=storage), scene, tmp_path / "out")
-        assert sorted(p.name for p in tmp_path.iterdir()) == ["out", "recorded"]
-
-
-def test_arrival_jitter_does_not_matter(make_bag, recorded, scene, tmp_path):
-    """Recorded later than stamped, in another order: the same states at the same stamps."""
-    rng = np.random.default_rng(5)
-    late = [(topic, t + int(rng.integers(0, 8 * MS)), data) for topic, t, data in recorded]
-    late[0] = recorded[0]  # the first time of recording sets the phase of the ticks
-    late.sort(key=lambda m: m[1])
-    replay_bag(make_bag(), scene, tmp_path / "one")
-    replay_bag(make_bag(late, name="late"), scene, tmp_path / "two")
-
-    def states(path):
-        raw = [data for _, data in contents(path)["/dlo_sim/control_points"]]
-        return {cdr.decode_pose_array(data).stamp_ns: data for data in raw}
-
-    one, two = states(tmp_path / "one"), states(tmp_path / "two")
-    shared = one.keys() & two.keys()
-    assert len(shared) > 250
-    assert all(one[stamp] == two[stamp] for stamp in shared)
-
-
-def test_the_load_and_the_gripper_act(make_bag, recorded, scene, tmp_path):
-    """Without the wrench the cable stays in the gripper's plane; with it, it does not."""
-    replay_bag(make_bag(), scene, tmp_path / "with")
-    poses = [m for m in recorded if m[0] == "/gripper_pose"]
-    replay_bag(make_bag(poses, name="poses"), scene, tmp_path / "without")
-
-    def last(path):
-        data = contents(path)["/dlo_sim/control_points"][-1][1]
-        return cdr.decode_pose_array(data).rows
-
-    assert np.abs(last(tmp_path / "without")[:, 1]).max() < 1e-9
-    assert np.abs(last(tmp_path / "with")[:, 1]).max() > 1e-3
-    gripper = 0.02 * (1 - math.cos(1.483 * 6))
-    assert last(tmp_path / "with")[0, :3] == pytest.approx([gripper, 0, 0.5], abs=5e-4)
+        assert sorted(p.name for p in tmp_path.iterdir()) == ["deeper", "one", "recorded"]
 
 
 def test_a_hand_seen_by_two_markers_takes_the_cable_beside_a_wall_that_comes(
@@ -233,7 +195,7 @@ class Folding(FakeSimulator):
         self.folds_at = self.step_of_fold
 
 
-@pytest.mark.parametrize("step", range(1000, 1012))
+@pytest.mark.parametrize("step", (1000, 1005, 1011))
 def test_a_fold_at_any_step_is_reported_beside_what_else_is_wrong(
     make_bag, recorded, scene, tmp_path, monkeypatch, step
 ):
@@ -357,26 +319,16 @@ class TestCutInHalf:
         with file.open("r+b") as handle:
             handle.truncate(int(file.stat().st_size * share))
 
-    def test_uses_what_is_readable_and_says_what_is_lost(
-        self, make_bag, long_recording, scene, tmp_path, storage
-    ):
-        bag = make_bag(long_recording, storage=storage)
-        self.cut(bag, 0.5)
-        summary = replay_bag(bag, scene, tmp_path / "out")
-        assert summary.status == "truncated" and not summary.ok
-        assert f"of {len(long_recording)} messages could be read" in summary.message
-        assert "\n" not in summary.message
-        assert 200 < summary.messages_used < 700
-        assert 1.0 < summary.simulated_s < 6.0
-        assert len(contents(tmp_path / "out")["/dlo_sim/control_points"]) > 200
-
     def test_the_part_that_is_left_gives_the_same_states(
         self, make_bag, long_recording, scene, tmp_path, storage
     ):
         whole = make_bag(long_recording, storage=storage)
         replay_bag(whole, scene, tmp_path / "whole_out")
         self.cut(whole, 0.5)
-        replay_bag(whole, scene, tmp_path / "half_out")
+        summary = replay_bag(whole, scene, tmp_path / "half_out")
+        assert summary.status == "truncated" and not summary.ok
+        assert f"of {len(long_recording)} messages could be read" in summary.message
+        assert "\n" not in summary.message and 1.0 < summary.simulated_s < 6.0
         one = contents(tmp_path / "whole_out")["/dlo_sim/control_points"]
         half = contents(tmp_path / "half_out")["/dlo_sim/control_points"]
         same = len(half) - 20  # at the end it waits for poses that are lost
@@ -400,15 +352,6 @@ def test_a_diverged_run_is_kept_with_its_reason(make_bag, scene, tmp_path):
     assert summary.status == "diverged"
     assert "diverged: made to (at 0.5" in summary.message
     assert 90 < len(contents(tmp_path / "out")["/dlo_sim/control_points"]) < 130
-
-
-def test_interruption_leaves_nothing_behind(make_bag, scene, tmp_path):
-    def interrupt(share):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        replay_bag(make_bag(), scene, tmp_path / "out", progress=interrupt)
-    assert [p.name for p in tmp_path.iterdir()] == ["recorded"]
 
 
 def test_a_bag_recorded_while_an_old_one_was_played(make_bag, recorded, scene, tmp_path):
@@ -440,12 +383,3 @@ def test_a_message_written_long_after_its_time_is_refused_alone(make_bag, record
     assert summary.refused_by_topic == {"/gripper_pose": {"too_old": 1}}
     assert summary.messages_used == len(found) - 1 and summary.events == {}
     assert summary.simulated_s == pytest.approx(20.0, abs=0.05)
-
-
-def test_progress_rises_from_the_opening_to_the_end(make_bag, long_recording, scene):
-    fractions = []
-    path = make_bag(long_recording)
-    replay_bag(path, scene, None, progress=fractions.append, simulator_factory=FakeSimulator)
-    opening = [fraction for fraction in fractions if fraction < 0.1]
-    assert len(opening) == 1 and len(fractions) > 10 and fractions[-1] == 1.0
-    assert fractions == sorted(fractions)

@@ -69,19 +69,31 @@ def launch(
         process.end()
 
 
-@pytest.fixture
-def started(launch: Callable[..., NodeProcess], peer: Peer) -> Iterator[Callable[..., NodeProcess]]:
-    """`started(values, *arguments)`: the same, up and running; ended after the test."""
+@pytest.fixture(scope="module")
+def running(launch: Callable[..., NodeProcess], peer: Peer) -> Callable[..., NodeProcess]:
+    """`running(values, *arguments, name=...)`: the same, up and running; it is watched."""
     from node_harness import START
 
+    def start(
+        values: dict[str, Any] | None, *arguments: str, name: str = "/dlo_sim"
+    ) -> NodeProcess:
+        peer.watched = node = launch(values, *arguments)
+        peer.until(lambda: peer.node.count_services(f"{name}/reset"), "node", START)
+        return node
+
+    return start
+
+
+@pytest.fixture
+def started(
+    running: Callable[..., NodeProcess], peer: Peer
+) -> Iterator[Callable[..., NodeProcess]]:
+    """`started(values, *arguments)`: the same; ended after the test."""
     processes: list[NodeProcess] = []
 
     def start(values: dict[str, Any] | None, *arguments: str) -> NodeProcess:
-        node = launch(values, *arguments)
-        processes.append(node)
-        peer.watched = node
-        peer.until(lambda: peer.node.count_services("/dlo_sim/reset"), "node", START)
-        return node
+        processes.append(running(values, *arguments))
+        return processes[-1]
 
     yield start
     peer.watched = None

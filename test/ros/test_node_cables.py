@@ -18,23 +18,12 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, WrenchStamped
 from node_harness import CABLE, START, NodeProcess, Peer
-from test_live_replay import (
-    DRIVEN,
-    PLAYS,
-    SECOND,
-    Player,
-    Publications,
-    disturbed,
-    motion,
-    offline,
-    write_bag,
-)
 from visualization_msgs.msg import Marker
 
 from dlo_sim.ros import FAILED
 from dlo_sim.ros.arguments import read_arguments
 from dlo_sim.ros.cables import cables as cables_of
-from dlo_sim.scene.loading import SceneError, scene_from_values, scene_values
+from dlo_sim.scene.loading import SceneError
 
 TWO = {"cables": ["a", "b"]}
 HANGING = {**CABLE, "start.tangent": [0, 0, -1]}  # keeps its plane, unlike one that swings freely
@@ -178,10 +167,7 @@ def test_one_that_is_refused_and_one_that_fails_do_not_stop_the_other(
         ({"cables": "[a]", "a.scene": "3"}, "scene: 3"),
         ({"cables": "[a]", "rate": "9.0", "a.lifecycle": "3"}, "lifecycle: 3"),
         ({"cables": "[a]", "b.cable.length": "2.0"}, "b.cable.length: 2.0 is for a cable 'b'"),
-        (
-            {"cables": "[a, b]", "c.scene": "x"},
-            "c.scene: 'x' is for a cable 'c'; cables names a",
-        ),
+        ({"cables": "[a, b]", "c.scene": "x"}, "c.scene: 'x' is for a cable 'c'; cables names a"),
         ({"cables": "[a]", "cabel.length": "2.0"}, "cabel.length: 2.0 is for"),
         ({"cables": "[a]", "use_sim_time": "false"}, "a.scene: is not given; name a shipped scene"),
         ({"lifecycle": "later"}, "lifecycle: 'later'"),
@@ -215,70 +201,3 @@ def test_remap_rules_are_for_each_cable_and_new_names_for_all_together(domain: i
     assert found == [("/arm/left/a", "/arm/left/a/tip/wrench"), ("/arm/left/b", "/hand")]
     assert clocks == [True, True]
     assert rates == [None, 50.0]
-
-
-def test_processes_of_different_names_keep_apart(launch: Start, peer: Peer) -> None:
-    names = ("left", "right")
-    nodes = {name: launch(HANGING, "-r", f"__node:={name}") for name in names}
-    for name in names:
-        peer.until(lambda name=name: peer.node.count_services(f"/{name}/reset"), name, START)
-    found = {name: peer.collect(PoseArray, f"/{name}/control_points") for name in names}
-    publisher, message = push(peer, "/left", 0.05)
-    with peer.repeating(publisher, message):
-        peer.until(lambda: all(found.values()) and sideways(found["left"]) > 0.1, "motion")
-    assert sideways(found["right"]) < 1e-9
-    peer.status("/right: node", lambda values, status: status.hardware_id == "/right", "its name")
-    assert nodes["left"].stop() == 0
-    count = len(found["right"])
-    peer.until(lambda: len(found["right"]) > count + 5, "the other going on")
-    assert nodes["right"].stop() == 0
-
-
-@pytest.mark.slow
-def test_each_gives_the_bits_of_its_replay(
-    cables: Start, peer: Peer, domain: int, tmp_path: Path
-) -> None:
-    late = {**DRIVEN, "inputs.latency": 1.0}  # the machine may stop for a while
-    scenes = {"a": late, "b": {**late, "cable.length": 0.7, "rate": 100.0}}
-    scenes = {name: scene_from_values(values) for name, values in scenes.items()}
-    few = list(motion(2.2))[::7]  # as many as a loaded machine can play in time
-    bag = write_bag(tmp_path / "bag", few)
-    values = {
-        key: value
-        for name, scene in scenes.items()
-        for key, value in of(name, scene_values(scene)).items()
-        if value != []
-    }
-
-    def play() -> tuple[dict[str, Publications], int, bool]:
-        """What is published, the shift of the bag [ns], and whether messages were late or lost."""
-        node = cables({**TWO, **values})
-        player = Player(bag, domain, tmp_path / "player.txt")
-        try:
-            peer.until(lambda: player.said("ready"), "the player")
-            heard = {name: Publications(peer, f"/dlo_sim/{name}") for name in scenes}
-            now = peer.node.get_clock().now().nanoseconds
-            shift = (now + 2 * SECOND) // SECOND * SECOND - 1000 * SECOND
-            player.tell(str(shift))
-            peer.until(lambda: player.said("played"), "the end of the bag")
-            end = 1001 * SECOND + shift
-            peer.until(lambda: all(max(h.poses, default=0) > end for h in heard.values()), "it")
-        finally:
-            player.end()
-        names = (f"/dlo_sim/{name}: session" for name in scenes)
-        told = [peer.status(name, lambda *_: True, "the session") for name in names]
-        node.end()
-        peer.until(lambda: not peer.node.count_services("/dlo_sim/a/reset"), "the end of the node")
-        return heard, shift, any(disturbed(bag, session) for session in told)
-
-    for _ in range(PLAYS):
-        heard, shift, again = play()
-        if not again:
-            break
-    for name, scene in scenes.items():
-        every_step = scene.with_values({"rate": 1.0 / scene.integrator.step})
-        expected = offline(bag, every_step, tmp_path / name)
-        common = {stamp - shift: poses for stamp, poses in heard[name].poses.items()}
-        common = {stamp: poses for stamp, poses in common.items() if stamp in expected}
-        assert len(set(common.values())) > 20
-        assert [s for s, poses in common.items() if poses != expected[s]] == []

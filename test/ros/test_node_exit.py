@@ -19,7 +19,6 @@ from dlo_sim.ros import FAILED
 
 # DLO_SIM_EXITS=20 repeats every way to end so often.
 TIMES = int(os.environ.get("DLO_SIM_EXITS", "1"))
-SIGNALS = [signal.SIGINT, signal.SIGTERM] * TIMES
 
 
 def collect_markers(peer: Peer) -> list[list[Marker]]:
@@ -33,15 +32,19 @@ def gone(markers: list[list[Marker]]) -> bool:
     return all(m and m[-1].action == Marker.DELETEALL for m in markers)
 
 
-@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize(
+    "numbers", [(signal.SIGINT,), (signal.SIGTERM, signal.SIGINT, signal.SIGTERM)] * TIMES
+)
 def test_a_signal_ends_it_with_status_0_and_without_markers(
-    started: Callable[..., NodeProcess], peer: Peer, number: int
+    started: Callable[..., NodeProcess], peer: Peer, numbers: tuple[int, ...]
 ) -> None:
+    """Those that follow the first change nothing."""
     node = started(CABLE)
     markers = collect_markers(peer)
     peer.until(lambda: all(m and m[-1].action == Marker.ADD for m in markers), "markers")
-    node.process.send_signal(number)
     peer.watched = None
+    for number in numbers:
+        node.process.send_signal(number)
     peer.until(lambda: gone(markers), "DELETEALL on both topics")
     assert node.wait() == 0
     assert "Traceback" not in node.output
@@ -78,7 +81,7 @@ def test_it_ends_while_simulated_time_stands_still(
     assert "Traceback" not in node.output
 
 
-@pytest.mark.parametrize("number", SIGNALS[1::2])
+@pytest.mark.parametrize("number", [signal.SIGTERM] * TIMES)
 def test_a_signal_while_it_builds_ends_it_too(
     launch: Callable[..., NodeProcess], peer: Peer, number: int
 ) -> None:
@@ -86,14 +89,6 @@ def test_a_signal_while_it_builds_ends_it_too(
     peer.watched = node
     peer.until(lambda: "building the simulator" in node.output, "begin of the build", START)
     assert node.stop(number) == 0
-    peer.watched = None
-
-
-def test_a_second_signal_changes_nothing(started: Callable[..., NodeProcess], peer: Peer) -> None:
-    node = started(CABLE)
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGINT):
-        node.process.send_signal(number)
-    assert node.wait() == 0
     peer.watched = None
 
 

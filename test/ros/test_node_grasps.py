@@ -50,7 +50,7 @@ def test_a_grasp_is_driven_released_and_taken_again(
         peer.until(lambda: pull() != 0.0, "a hand that holds the cable again")
         response = peer.call(Trigger, "/dlo_sim/hand/take", Trigger.Request())
         assert response.success and response.message == "nothing to do: hand holds the cable"
-        assert "took 'hand' at u = 0.60" in node.output
+        peer.until(lambda: "took 'hand' at u = 0.60" in node.output, "a line in the log")
 
 
 def test_two_points_and_a_topic_do_the_same(
@@ -70,14 +70,21 @@ def test_two_points_and_a_topic_do_the_same(
     def pull() -> float:
         return reactions[-1].wrench.force.z if reactions else 0.0
 
+    def told(value: bool, condition: Callable[[], bool], what: str) -> None:
+        """Say it until it shows: a message alone may be lost."""
+
+        def asked() -> bool:
+            closed.publish(Bool(data=value))
+            return condition()
+
+        peer.until(asked, what)
+
     with peer.repeating(points, message):
         peer.until(lambda: pull() > 0.01, "a reaction of the hand")
-        closed.publish(Bool(data=False))
-        peer.until(lambda: pull() == 0.0, "a hand that holds nothing")
+        told(False, lambda: pull() == 0.0, "a hand that holds nothing")
         peer.until(lambda: peer.get("grasps.hand.taken") == [False], "the parameter")
-        assert "released 'hand'" in node.output
+        peer.until(lambda: "released 'hand'" in node.output, "a line in the log")
         assert peer.set({"damping.mass": 1.0}).successful
         peer.until(lambda: "parameters changed" in node.output, "the change")
         assert pull() == 0.0
-        closed.publish(Bool(data=True))
-        peer.until(lambda: pull() != 0.0, "a hand that holds the cable again")
+        told(True, lambda: pull() != 0.0, "a hand that holds the cable again")

@@ -14,7 +14,7 @@ pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 from geometry_msgs.msg import PoseArray, PoseStamped
 from node_harness import HELD, NodeProcess, Peer
 
-LENGTH = 5.0  # [s], of the hold-up
+LENGTH = 3.0  # [s], of the hold-up; the queues hold 2 s
 
 
 def place(seconds: float) -> tuple[float, float]:

@@ -76,7 +76,7 @@ def test_configure_compiles_activate_ticks_deactivate_keeps_the_state(
     assert not peer.node.count_publishers("/dlo_sim/control_points")
     assert node.change("activate") == "!unconfigured"
     assert node.change("configure") == "inactive"
-    assert "ready after" in node.node.output
+    peer.until(lambda: "ready after" in node.node.output, "a line in the log")
     peer.until(lambda: peer.node.count_publishers("/dlo_sim/control_points") == 1, "publisher")
     assert node.points == []
     assert node.change("activate") == "active"
@@ -100,7 +100,7 @@ def test_configure_compiles_activate_ticks_deactivate_keeps_the_state(
     node.moves()
     assert node.points[-1].header.frame_id == "base"
     assert peer.get("cable.length", "loads.names") == [0.5, ["force"]]
-    assert not peer.node.count_subscribers("/dlo_sim/tip/wrench")
+    peer.until(lambda: not peer.node.count_subscribers("/dlo_sim/tip/wrench"), "no such input")
     assert node.change("active_shutdown") == "finalized"
     peer.until(lambda: not peer.node.count_services("/dlo_sim/reset"), "the end of its services")
     assert node.node.stop() == 0
@@ -119,8 +119,9 @@ def test_a_refused_configure_can_be_mended(
     left = dict(bad)
     while left:
         assert node.change("configure") == "!unconfigured"
-        said = node.node.output.splitlines()[-1]
-        (key,) = [key for key in left if f"refused: {key}: " in said]
+        (key,) = peer.until(
+            lambda: [key for key in left if f"refused: {key}: " in node.node.output], "a refusal"
+        )
         assert peer.get(key) == [left.pop(key)]
         assert peer.set({key: mended[key]}).successful
     assert not peer.node.count_services("/dlo_sim/reset")

@@ -10,7 +10,7 @@ pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, WrenchStamped
-from node_harness import CABLE, START, NodeProcess, Peer
+from node_harness import CABLE, NodeProcess, Peer
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
@@ -25,11 +25,8 @@ QOS = {
 
 
 @pytest.fixture(scope="module", autouse=True)
-def node(launch: Callable[..., NodeProcess], peer: Peer) -> NodeProcess:
-    node = launch({**CABLE, **QOS})
-    peer.watched = node
-    peer.until(lambda: peer.node.count_services("/dlo_sim/reset"), "node", START)
-    return node
+def node(running: Callable[..., NodeProcess]) -> NodeProcess:
+    return running({**CABLE, **QOS})
 
 
 def test_each_topic_has_the_qos_that_was_asked_for(peer: Peer) -> None:
@@ -66,14 +63,17 @@ def test_each_topic_has_the_qos_that_was_asked_for(peer: Peer) -> None:
 
 
 def test_an_override_is_for_its_own_topic_alone(peer: Peer) -> None:
-    kept = peer.node.get_publishers_info_by_topic("/dlo_sim/control_polygon")[0].qos_profile
-    assert kept.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    assert kept.reliability == ReliabilityPolicy.RELIABLE
+    polygon = "/dlo_sim/control_polygon"
+    (kept,) = peer.until(lambda: peer.node.get_publishers_info_by_topic(polygon), "the publisher")
+    assert kept.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    assert kept.qos_profile.reliability == ReliabilityPolicy.RELIABLE
     for topic, reliability in (
         ("tip/wrench", ReliabilityPolicy.RELIABLE),
         ("force", ReliabilityPolicy.BEST_EFFORT),
     ):
-        found = peer.node.get_subscriptions_info_by_topic(f"/dlo_sim/{topic}")
+        found = peer.until(
+            lambda name=f"/dlo_sim/{topic}": peer.node.get_subscriptions_info_by_topic(name), topic
+        )
         assert [info.qos_profile.reliability for info in found] == [reliability]
 
 

@@ -11,17 +11,15 @@ import pytest
 pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
 from geometry_msgs.msg import PoseArray
-from node_harness import CABLE, START, NodeProcess, Peer
+from node_harness import CABLE, NodeProcess, Peer
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
 
 
 @pytest.fixture(scope="module", autouse=True)
-def node(launch: Callable[..., NodeProcess], peer: Peer) -> NodeProcess:
-    node = launch({**CABLE, "rate": 100})
-    peer.watched = node
-    peer.until(lambda: peer.node.count_services("/dlo_sim/reset"), "node", START)
+def node(running: Callable[..., NodeProcess], peer: Peer) -> NodeProcess:
+    node = running({**CABLE, "rate": 100})
     peer.until(lambda: "dlo_sim" in peer.node.get_node_names(), "the name of the node")
     return node
 

@@ -9,19 +9,6 @@ import pytest
 from dlo_sim.ros.live_cable import in_background
 
 
-def test_ticks_go_on_while_the_work_is_done():
-    done = threading.Event()
-    ticks = []
-
-    def tick() -> None:
-        ticks.append(threading.current_thread())
-        if len(ticks) == 5:
-            done.set()
-
-    in_background(lambda: done.wait(20.0) or pytest.fail("no ticks"), tick, lambda: 1e-3)
-    assert set(ticks) == {threading.current_thread()}
-
-
 def test_the_first_tick_does_not_wait_for_a_period():
     released = threading.Event()
     in_background(lambda: released.wait(60.0) or pytest.fail("no tick"), released.set, lambda: 1e9)

@@ -24,7 +24,6 @@ EPOCH = 1_700_000_000 * SECOND
 PERIOD = 20 * MS
 TICK = 5 * MS
 QUEUE = 100
-HOUR = 3600 * SECOND
 FIRST = 0.05  # every topic has had a message [s]
 SPEED = 5  # of a queue that empties, in real time
 TWO = {

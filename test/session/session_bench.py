@@ -22,12 +22,7 @@ GRIPPER = {
     "integrator.step": 1e-3,
     "discretization.control_points": 5,
 }
-LOADED = {
-    **GRIPPER,
-    "loads.names": ["tip"],
-    "loads.tip.topic": "/wrench",
-    "loads.tip.timeout": 0.5,
-}
+LOADED = {**GRIPPER, "loads.names": ["tip"], "loads.tip.topic": "/wrench", "loads.tip.timeout": 0.5}
 FREE = {
     "gravity": [0.0, 0.0, 0.0],
     "integrator.step": 1e-3,

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 from fake_simulator import FakeSimulator
 from session_bench import FREE, MS, SECOND
 
-from dlo_sim.scene.loading import load_scene, scene_from_values, shipped_scene
+from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import drive
-from dlo_sim.session.diagnostics import Accuracy
 from dlo_sim.session.session import Session
-from dlo_sim.simulation.error_estimate import ErrorEstimate, advice
+from dlo_sim.simulation.error_estimate import advice
 from dlo_sim.simulation.report import DiscretizationError
-from dlo_sim.simulation.simulator import Simulator
 
 T0 = 100 * SECOND
 
@@ -120,15 +117,6 @@ def test_a_thin_cable_is_advised_to_stretch_by_span(estimates, changes, advised)
     assert ("discretization.stretch: span may do as well" in message) is advised
 
 
-def test_an_error_in_time_is_not_cured_by_span(estimates):
-    one = session(cable__axial_stiffness=1e5, cable__bending_stiffness=5e-3)
-    one.tick(T0)
-    estimates[0].recent = DiscretizationError(4e-3, 1e-5)
-    one.tick(T0 + 5 * MS)
-    message = found(one)[1]
-    assert "lower integrator.step" in message and "stretch" not in message
-
-
 def test_excess_is_a_warning_while_it_lasts_and_an_event_once(estimates):
     one = session()
     one.tick(T0)
@@ -162,25 +150,6 @@ def test_unknown_error_is_told(estimates):
     assert values["space error [m]"] == "unknown"
 
 
-@pytest.mark.parametrize("setting", ["auto", "on"])
-def test_a_session_that_falls_behind_spares_the_estimate_unless_it_was_asked_for(
-    estimates, setting
-):
-    one = session(accuracy__estimate=setting)
-    for k in range(12):  # twice as fast as inputs.catch_up allows
-        one.tick(T0 + k * 200 * MS)
-    spared = one.journal.events["estimate_spared"]
-    assert spared == (1 if setting == "auto" else 0)
-    assert (found(one)[2]["error estimate [m]"] == "off") is (setting == "auto")
-
-
-def test_one_long_pause_of_the_machine_does_not_cost_the_estimate(estimates):
-    one = session()
-    for k in range(40):
-        one.tick(T0 + k * 5 * MS + (k > 5) * 800 * MS)
-    assert one.journal.events["estimate_spared"] == 0
-
-
 def test_reset_and_changed_parameters_estimate_anew(estimates):
     one = session()
     one.tick(T0)
@@ -193,39 +162,3 @@ def test_reset_and_changed_parameters_estimate_anew(estimates):
     one.tick(T0 + 10 * MS)
     assert len(estimates) == 3
     assert found(one)[2]["error estimate [m]"] == "off"
-
-
-def test_loads_and_steps_go_to_the_companions(monkeypatch):
-    asked: list[str] = []
-
-    class Asked(FakeEstimate):
-        def set_load(self, *given, **named):
-            asked.append("load")
-
-        def advance_steps(self, steps, recorder=None):
-            asked.append("steps")
-            return self.simulator.advance_steps(steps)
-
-    monkeypatch.setattr(drive, "_estimate", lambda simulator, poses=None: Asked(simulator))
-    from dlo_sim.session import cdr
-
-    one = session()
-    one.tick(T0)
-    raw = cdr.StampedEncoder(cdr.WRENCH_STAMPED, "world").encode(T0, (1.0, 0, 0, 0, 0, 0))
-    one.receive("/wrench", raw, T0)
-    one.tick(T0 + 200 * MS)
-    assert asked[:2] == ["steps", "load"]
-    assert isinstance(one._accuracy, Accuracy)
-
-
-def test_a_run_that_is_finer_in_time_begins_in_the_shape_that_was_found():
-    """The estimate is the same bit for bit as one that searches for the shape at rest again."""
-    scene = load_scene(shipped_scene("hanging_cable"))
-    poses = {"start": (np.array([0.1, 0.0, 0.7]), np.array([0.0, 0.0, 0.0, 1.0]))}
-    errors = []
-    for make in (drive._estimate, ErrorEstimate.placed):
-        estimate = make(Simulator(scene, poses), poses)
-        estimate.advance_steps(40)
-        errors.append(estimate.largest)
-    assert errors[0] == errors[1]
-    assert min(errors[0].time, errors[0].space) > 0.0

@@ -5,8 +5,6 @@ from disturbances import Case, World, random_case
 
 # `python test/session/disturbances.py 2000` plays many more.
 CASES = {
-    "stopped for 1.5 s, tick first": Case("node", 1.0, 1.5, tick_first=True),
-    "stopped for 1.5 s, messages first": Case("node", 1.0, 1.5),
     "stopped for 5 s, a queue runs over": Case("node", 1.0, 5.0, tick_first=True, epoch=1e6),
     "stopped before the first message": Case("node", 0.0, 3.0),
     "stopped, /clock is heard last": Case("node", 1.0, 5.0, sim_time=True, clock_first=False),
@@ -44,7 +42,7 @@ def test_it_is_over_soon(name):
     assert world.problems() == []
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(6))
 def test_any_other(seed):
     world = World(random_case(seed))
     world.play()

@@ -58,7 +58,7 @@ def every(interval, seconds=8.0, begin=0.0):
     return np.arange(begin, begin + max(seconds, 8 * interval), interval)
 
 
-@pytest.mark.parametrize("rate", [1.0, 2.0, 3.0, 5.0, 8.0, 10.0, 15.0, 20.0, 25.0, 30.0, 100.0])
+@pytest.mark.parametrize("rate", [1.0, 3.0, 8.0, 20.0, 30.0, 100.0])
 def test_all_states_are_published_at_any_rate(rate):
     bench, published = play(every(1 / rate, 12.0), **{"start.pose_timeout": 1.001})
     assert set(np.diff(published)) == {TICK}
@@ -74,7 +74,7 @@ def test_all_states_are_published_at_any_rate(rate):
     assert f"{latency:.3f}".encode() in bench.session.diagnostics(T0 + 20 * SECOND)
 
 
-@pytest.mark.parametrize("rate", [5.0, 12.0, 30.0])
+@pytest.mark.parametrize("rate", [5.0, 30.0])
 def test_irregular_poses_and_dropouts(rate):
     rng = np.random.default_rng(2)
     times = np.cumsum(rng.uniform(0.5, 1.5, size=round(20 * rate)) / rate)
@@ -83,7 +83,7 @@ def test_irregular_poses_and_dropouts(rate):
     assert share(published) > 0.95
 
 
-@pytest.mark.parametrize("delay", [0.05, 0.12, 0.4])
+@pytest.mark.parametrize("delay", [0.05, 0.4])
 @pytest.mark.parametrize("rate", [5.0, 30.0])
 def test_poses_that_are_always_late(rate, delay):
     """A camera that thinks; at the beginning the delay is not known yet."""
@@ -93,7 +93,7 @@ def test_poses_that_are_always_late(rate, delay):
     assert need <= bench.session.latency_ns / SECOND <= need + 0.05
 
 
-@pytest.mark.parametrize("burst", [0.1, 0.2, 0.5])
+@pytest.mark.parametrize("burst", [0.1, 0.5])
 def test_poses_that_always_come_in_bursts(burst):
     """A network that collects messages: the newest of each burst is hardly late."""
     bench, published = play(every(0.01, 20.0), every_ns=round(burst * SECOND))
@@ -116,8 +116,7 @@ def test_a_hold_up_is_no_delay():
     assert max(delays) <= 10 * MS
 
 
-@pytest.mark.parametrize("slow", [2.0, 5.0, 10.0])
-def test_one_gripper_slow_and_one_fast(slow):
+def test_one_gripper_slow_and_one_fast(slow=5.0):
     bench, published = play(every(0.01), values=TWO, other=every(1 / slow))
     assert set(np.diff(published)) == {TICK}
     assert bench.session.latency_ns >= 1.5 * SECOND / slow
@@ -140,7 +139,7 @@ def test_one_dropout_is_no_rate():
     assert bench.session.latency_ns == 60 * MS and not bench.events
 
 
-@pytest.mark.parametrize("rate", [2.0, 5.0, 10.0, 20.0])
+@pytest.mark.parametrize("rate", [2.0, 20.0])
 def test_a_given_latency_that_is_too_short_says_which_would_do_and_it_does(rate):
     bench, published = play(every(1 / rate), **{"inputs.latency": 0.06})
     assert bench.session.latency_ns == 60 * MS
@@ -152,11 +151,6 @@ def test_a_given_latency_that_is_too_short_says_which_would_do_and_it_does(rate)
     assert enough < 1.5 / rate + 0.05
     bench, published = play(every(1 / rate), **{"inputs.latency": enough})
     assert set(np.diff(published)) == {TICK} and not bench.events
-
-
-def test_it_is_said_at_once():
-    bench, _ = play(every(0.2)[:5], **{"inputs.latency": 0.06})
-    assert bench.events == {"slow_poses": 1}
 
 
 @pytest.mark.parametrize("intervals", [(1.1, 1.4), (0.9, 1.2)])

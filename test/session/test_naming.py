@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_typestore
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.session import cdr
 from dlo_sim.session.session import Session
-from dlo_sim.session.topics import Naming, resolved
+from dlo_sim.session.topics import Naming
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 HELD = {"start.pose_topic": "~/start/pose", "loads.names": ["tip"]}
@@ -20,12 +20,6 @@ def session_of(values: dict, node: str, remapped: dict[str, str]) -> Session:
     return Session(
         scene_from_values({"accuracy.estimate": "off", **values}), FakeSimulator, naming=naming
     )
-
-
-def test_topic_names() -> None:
-    assert resolved("~/start/pose") == "/dlo_sim/start/pose"
-    assert resolved("/a/b") == "/a/b"
-    assert resolved("a/b") == "/a/b"
 
 
 def test_a_session_speaks_of_topics_as_they_are_listened_to() -> None:

@@ -12,7 +12,6 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.session import cdr, observer
 from dlo_sim.session.diagnostics import Journal
 from dlo_sim.session.session import Session
-from dlo_sim.session.topics import MEASURED, input_topics
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 # A cable that sags between two points and swings; what it swings in the prediction does not know.
@@ -149,13 +148,6 @@ def test_a_pose_array_does_the_same(truth):
     points = session.simulator.control_points
     assert other.simulator.control_points == pytest.approx(points, abs=1e-5)  # of float32
     assert values_of(other)["measured points used"] == values_of(session)["measured points used"]
-
-
-def test_nothing_is_there_unless_asked_for():
-    session = Session(scene(FREE))
-    assert MEASURED not in {entry.topic for entry in input_topics(session.scene)}
-    session.tick(T0)
-    assert "innovation [m]" not in values_of(session)
 
 
 def test_messages_that_cannot_be_used_are_refused():

@@ -70,22 +70,6 @@ def test_a_belt_carries_the_cable_along():
     assert out and out == again
 
 
-def test_a_pose_that_is_none_and_a_jump_are_counted_and_it_goes_on():
-    session, _ = carried(0.3)
-    encoder = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
-    record = session.journal.topics["/belt_pose"]
-    for k, x in enumerate((np.nan, 30.0, 0.0)):
-        now = T0 + 300 * MS + k * 20 * MS
-        session.receive("/belt_pose", encoder.encode(now, (x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)), now)
-        session.tick(now)
-    assert record.refused == {"not_finite": 1, "too_fast": 1}
-    assert record.last_refusal.startswith("too_fast: pose jumps 30 m in 0.04 s")
-    session.tick(T0 + 400 * MS)
-    assert session.simulator.end_pose("belt")[0][0] == 0.0
-    weight = session.simulator.scene.cable.mu * 0.3 * 9.81
-    assert session.simulator.contact("belt").force[2] == pytest.approx(weight, rel=1e-2)
-
-
 def test_obstacles_and_forces_are_shown():
     """One marker for the belt where it is, and lines with the weight of the cable."""
     session, _ = carried(1.0)
@@ -98,12 +82,6 @@ def test_obstacles_and_forces_are_shown():
     points = np.array([[p.x, p.y, p.z] for p in lines.points]).reshape(-1, 2, 3)
     assert len(points) == len(simulator.contact("belt").u) > 4
     assert (points[:, 1] - points[:, 0])[:, 2].sum() == pytest.approx(0.03, rel=1e-2)
-
-
-def test_the_error_estimate_moves_the_belt_too():
-    session, _ = carried(1.5, "on")
-    values = shown(session, 1.5)
-    assert float(values["error estimate [m]"]) < 1e-3
 
 
 class Table:
@@ -150,24 +128,13 @@ def test_an_obstacle_follows_the_frame_that_it_is_attached_to():
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
-        (
-            {},
-            "obstacles.belt.frame: 'table' gives the pose; remove it or obstacles.belt.pose_topic",
-        ),
+        ({"frame": "table"}, "'table' gives the pose; remove it or obstacles.belt.pose_topic"),
         ({"pose_topic": "", "frame": "/table"}, "is no frame of tf2; give table"),
         ({"pose_topic": "", "frame": "world"}, "is the world frame, frame_id, .*; remove it"),
+        ({"pose_topic": "a b"}, "obstacles.belt.pose_topic: .* is not a topic name"),
     ],
 )
-def test_frames_are_checked(changes, problem):
-    given = {
-        f"obstacles.belt.{key}": value for key, value in ({"frame": "table"} | changes).items()
-    }
+def test_frames_and_topics_are_checked(changes, problem):
+    given = {f"obstacles.belt.{key}": value for key, value in changes.items()}
     with pytest.raises(SceneError, match=problem):
         scene_from_values(BELT | given)
-
-
-def test_names_and_topics_are_checked():
-    with pytest.raises(SceneError, match="obstacles.belt.pose_topic: .* is not a topic name"):
-        scene_from_values(BELT | {"obstacles.belt.pose_topic": "a b"})
-    with pytest.raises(SceneError, match="is the name of a grasp too"):
-        scene_from_values(BELT | {"grasps.names": ["belt"]})

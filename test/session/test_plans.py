@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plans import AT_ORIGIN, trajectory
 from rosbags.typesys import Stores, get_typestore
 from session_bench import MS, SECOND, T0
 
@@ -34,31 +35,13 @@ def session():
     return session
 
 
-def vector(kind, *values):
-    return TYPES[f"geometry_msgs/msg/{kind}"](*map(float, values))
-
-
 def message(joints=("start",), times=None, shift=0.0, stamp=NOW, frame="", turn=(0, 0, 0, 1)):
-    """A plan that goes on as the gripper did, with velocities, which nobody reads."""
+    """A plan that goes on as the gripper did."""
     times = 0.05 * np.arange(21) if times is None else np.array(times)
-    points = []
-    for time, place in zip(times, gripper(1.0 + times) + shift, strict=True):
-        transform = TYPES["geometry_msgs/msg/Transform"](
-            vector("Vector3", *place), vector("Quaternion", *turn)
-        )
-        twist = TYPES["geometry_msgs/msg/Twist"](
-            vector("Vector3", 1, 2, 3), vector("Vector3", 4, 5, 6)
-        )
-        nanoseconds = round(time * 1e9)
-        duration = TYPES["builtin_interfaces/msg/Duration"](*divmod(nanoseconds, 10**9))
-        point = TYPES["trajectory_msgs/msg/MultiDOFJointTrajectoryPoint"](
-            [transform] * len(joints), [twist] * len(joints), [], duration
-        )
-        points.append(point)
-    time = TYPES["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
-    header = TYPES["std_msgs/msg/Header"](time, frame)
-    plan = TYPES[cdr.TRAJECTORY](header, list(joints), points)
-    return bytes(STORE.serialize_cdr(plan, cdr.TRAJECTORY))
+    turns = np.tile(turn, (len(times), 1))
+    rows = np.hstack([gripper(1.0 + times) + shift, turns])[:, None]
+    times_ns = [round(time * SECOND) for time in times]
+    return trajectory(joints, times_ns, np.repeat(rows, len(joints), axis=1), stamp, frame)
 
 
 def test_what_comes_of_a_plan(session):
@@ -99,11 +82,7 @@ def test_a_plan_without_a_stamp_begins_as_it_comes(session, turn):
 @pytest.mark.parametrize(
     ("changes", "reason", "text"),
     [
-        (
-            {"joints": ["tcp"]},
-            "bad_plan",
-            "tcp; name what holds the cable, each once: start",
-        ),
+        ({"joints": ["tcp"]}, "bad_plan", "tcp; name what holds the cable, each once: start"),
         ({"joints": []}, "bad_plan", "has the joints none"),
         ({"joints": ["end"]}, "bad_plan", "has the joints end; name what holds the cable"),
         ({"joints": ["start", "start"]}, "bad_plan", "has the joints start, start"),
@@ -144,16 +123,8 @@ def test_damaged_messages(session):
 
 def many(count, joints=("start",)):
     """A message of so many points at rest."""
-    still = TYPES["geometry_msgs/msg/Transform"](
-        vector("Vector3", 0, 0, 0), vector("Quaternion", 0, 0, 0, 1)
-    )
-    duration = TYPES["builtin_interfaces/msg/Duration"](0, 0)
-    point = TYPES["trajectory_msgs/msg/MultiDOFJointTrajectoryPoint"](
-        [still] * len(joints), [], [], duration
-    )
-    header = TYPES["std_msgs/msg/Header"](TYPES["builtin_interfaces/msg/Time"](2000, 0), "")
-    plan = TYPES[cdr.TRAJECTORY](header, list(joints), [point] * count)
-    return bytes(STORE.serialize_cdr(plan, cdr.TRAJECTORY))
+    still = np.tile(AT_ORIGIN, (count, len(joints), 1))
+    return trajectory(joints, [0] * count, still, 2000 * SECOND)
 
 
 @pytest.mark.parametrize(

@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 from dlo_sim.core import one_rotation, rotations
-from dlo_sim.session.gripper_path import (
-    Pose,
-    SmoothedPoses,
-    weights_of_the_value_at_zero,
-)
+from dlo_sim.session.gripper_path import Pose, SmoothedPoses, weights_of_the_value_at_zero
 from dlo_sim.session.time_base import SECOND
 
 MS = 1_000_000
@@ -33,14 +29,6 @@ def handed_over(waiting, poses):
         out += waiting.due(END)
     waiting.settle()
     return out + list(waiting.due(END))
-
-
-def test_off_means_untouched_and_at_once():
-    waiting = SmoothedPoses(0, SECOND)
-    p = pose(5)
-    waiting.add(p)
-    assert list(waiting.due(5)) == [p]
-    assert waiting.next_change_ns() is None
 
 
 def test_parabolas_pass_unchanged_even_with_uneven_stamps():
@@ -100,16 +88,6 @@ def test_a_pose_is_released_when_one_beyond_its_window_has_come():
     assert waiting.next_change_ns() is None
 
 
-def test_how_poses_are_handed_over_does_not_matter():
-    rng = np.random.default_rng(4)
-    poses = [pose(k * DT, rng.normal(size=3)) for k in range(30)]
-    at_once = SmoothedPoses(140 * MS, SECOND)
-    for k in rng.permutation(30):
-        at_once.add(poses[k])
-    at_once.settle()
-    assert list(at_once.due(END)) == smoothed(poses)
-
-
 def test_poses_that_change_places_within_a_window_are_smoothed_in_order():
     rng = np.random.default_rng(6)
     poses = [pose(k * DT, rng.normal(size=3)) for k in range(60)]
@@ -129,9 +107,3 @@ def test_windows_do_not_reach_across_a_silence():
     after = [pose(2 * SECOND + k * DT, (1, 0, 0)) for k in range(10)]
     out = smoothed(before + after, half=3 * SECOND)
     assert [p.position[0] for p in out] == pytest.approx([0] * 10 + [1] * 10, abs=1e-12)
-
-
-def test_few_poses_are_left_alone():
-    rng = np.random.default_rng(5)
-    poses = [pose(k * DT, rng.normal(size=3)) for k in range(3)]
-    assert all(a is b for a, b in zip(smoothed(poses), poses, strict=True))

@@ -8,34 +8,24 @@ from rosbags.typesys import Stores, get_typestore
 from session_bench import FREE, GRIPPER, LOADED, MS, SECOND, T0, motion, play
 
 from dlo_sim.session import cdr
-from dlo_sim.session.session import Session, SessionStatus
+from dlo_sim.session.session import SessionStatus
 from dlo_sim.session.topics import output_topics
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
-class TestDeterminism:
-    def test_jitter_below_the_latency_changes_no_byte(self, bench):
-        first = play(bench(LOADED), 6.0)
-        for seed in (1, 2):
-            assert play(bench(LOADED), 6.0, jitter=seed) == first
-        assert len(first) > 2000
-        assert len(set(first.values())) > 1500  # it moves
-
-    def test_jitter_around_a_silence_neither(self, bench):
-        first = play(bench(LOADED), 6.0, gap=(1.5, 3.7))
-        for seed in (1, 2):
-            other = play(bench(LOADED), 6.0, jitter=seed, gap=(1.5, 3.7))
-            shared = first.keys() & other.keys()  # while it waits, the last state may be due or not
-            assert len(shared) > 1400
-            assert all(first[key] == other[key] for key in shared)
-
-    def test_other_ticks_give_the_same_states(self, bench):
-        first = play(bench(LOADED), 4.0)
-        other = play(bench(LOADED), 4.0, tick=7 * MS)
-        shared = first.keys() & other.keys()
-        assert len(shared) > 150
+@pytest.mark.parametrize("gap", [(0.0, 0.0), (1.5, 3.7)])
+@pytest.mark.parametrize("changes", [{}, {"start.pose_smoothing": 0.14, "inputs.latency": 0.25}])
+def test_jitter_below_the_latency_and_other_ticks_change_no_byte(bench, gap, changes):
+    """Neither around a silence, nor with poses that are smoothed."""
+    first = play(bench(LOADED, **changes), 5.0, gap=gap)
+    assert len(set(first.values())) > 700, "it moves"
+    for variant in ({"jitter": 1}, {"jitter": 2}, {"tick": 7 * MS}):
+        other = play(bench(LOADED, **changes), 5.0, gap=gap, **variant)
+        shared = first.keys() & other.keys()  # while it waits, the last state may be due or not
+        assert len(shared) > (150 if "tick" in variant else 1000)
         assert all(first[key] == other[key] for key in shared)
+        assert gap[1] or "tick" in variant or first.keys() == other.keys()
 
 
 class TestWaiting:
@@ -81,12 +71,6 @@ class TestWaiting:
         assert loaded.session.stamp_ns == T0 + 170 * MS
         assert report.message == "waiting for the next pose on /gripper_pose"
         assert report.lag_ns == (895 - 60 - 170) * MS
-
-    def test_runs_the_latency_behind(self, loaded):
-        play(loaded, 2.0)
-        report = loaded.session.tick(T0 + 2000 * MS)
-        assert loaded.session.stamp_ns == T0 + 1940 * MS
-        assert report.lag_ns == 0
 
 
 class TestSilence:
@@ -139,12 +123,6 @@ class TestCatchingUp:
         slow = bench(FREE, **{"rate": 2.0, "inputs.catch_up": 0.5})
         slow.run(T0, T0 + 10 * SECOND, 500 * MS)
         assert slow.simulator.steps == pytest.approx(9500, abs=2)
-
-    def test_time_standing_still_is_harmless(self, free):
-        free.session.tick(T0)
-        for _ in range(10):
-            assert free.session.tick(T0).advanced_steps == 0
-        assert not free.events
 
 
 class TestPause:
@@ -201,14 +179,6 @@ class TestPause:
         assert loaded.simulator.steps == before + 401 * 5
         assert len(loaded.session.messages()) == 4
 
-    def test_unpausing_without_pause_changes_nothing(self, loaded):
-        play(loaded, 1.0)
-        steps = loaded.simulator.steps
-        loaded.session.pause(False)
-        loaded.session.tick(T0 + SECOND)
-        assert loaded.simulator.steps == pytest.approx(steps + 5, abs=1)
-        assert not loaded.events
-
 
 class TestReset:
     def test_places_the_cable_anew(self, loaded):
@@ -230,14 +200,6 @@ class TestReset:
         free.session.tick(T0 + SECOND)
         assert free.simulator.steps == 0 and not free.simulator.loads
         assert free.session.started
-
-
-def test_a_clock_set_back_resets_even_without_messages(free):
-    free.run(T0 + 10 * SECOND, T0 + 11 * SECOND)
-    assert free.simulator.steps > 900
-    report = free.session.tick(T0)
-    assert free.events == {"time_jump": 1}
-    assert (free.simulator.steps, report.status) == (0, SessionStatus.RUNNING)
 
 
 def test_a_slow_newton_iteration_is_counted_and_said(loaded):
@@ -278,22 +240,6 @@ class TestFailure:
         free.simulator.fail_at = 10
         assert free.run(T0, T0 + 200 * MS).stop
 
-    def test_a_cable_that_cannot_be_placed(self, bench):
-        from fake_simulator import FakeSimulator
-
-        def picky(scene, end_poses=None):
-            if end_poses:
-                raise ValueError("ends are 3 m apart, the cable is 1 m long")
-            return FakeSimulator(scene)
-
-        loaded = bench(LOADED)
-        loaded.session = Session(loaded.scene, picky)
-        loaded.pose(T0)
-        report = loaded.run(T0, T0 + 200 * MS)
-        assert report.status is SessionStatus.FAILED
-        assert "cannot be placed: ends are 3 m apart" in report.message
-        assert loaded.session.messages() == []
-
     def test_numbers_that_are_not_finite_are_not_published(self, loaded):
         play(loaded, 1.0)
         loaded.simulator.tip[1] = math.nan
@@ -327,28 +273,6 @@ def test_diagnostics_name_every_refusal_with_its_reason(loaded):
 class TestSmoothing:
     """`pose_smoothing` in the whole session."""
 
-    def test_waits_for_the_window_and_jitter_still_changes_nothing(self, bench):
-        smooth = {"start.pose_smoothing": 0.14, "inputs.latency": 0.25}
-        first = play(bench(LOADED, **smooth), 4.0)
-        assert play(bench(LOADED, **smooth), 4.0, jitter=1) == first
-        assert len(first) > 1200
-        assert first != play(bench(LOADED, **{"inputs.latency": 0.25}), 4.0)
-
-    def test_too_little_latency_only_lags(self, bench):
-        hasty = bench(LOADED, **{"start.pose_smoothing": 0.14, "inputs.latency": 0.06})
-        patient = bench(LOADED, **{"start.pose_smoothing": 0.14, "inputs.latency": 0.25})
-        one, two = play(hasty, 4.0), play(patient, 4.0)
-        # While it waits, the reaction does not know yet how the end goes on; the shape is the same
-        # (but for the last bit of where one motion of the fake ends and the next begins).
-        shared = [key for key in one.keys() & two.keys() if key[0] == "~/control_points"]
-        assert len(shared) > 30
-        for key in shared:
-            states = (cdr.decode_pose_array(raw[key]).rows for raw in (one, two))
-            assert np.allclose(*states, rtol=0.0, atol=1e-15)
-        assert hasty.events == {"slow_poses": 1}
-        assert "set it to 0.23 or auto" in hasty.session.journal.last_event
-        assert not patient.events
-
     def test_a_single_pose_is_enough_after_the_timeout(self, bench):
         still = bench(LOADED, **{"start.pose_smoothing": 0.14})
         still.pose(T0, (0.1, 0, 0))
@@ -356,36 +280,6 @@ class TestSmoothing:
         assert report.status is SessionStatus.RUNNING
         assert still.simulator.control_points[0, 0] == 0.1
         assert still.events == {"silent": 1}
-
-    def test_silence_and_return(self, bench):
-        smooth = bench(LOADED, **{"start.pose_smoothing": 0.14, "inputs.latency": 0.25})
-        play(smooth, 2.0)
-        smooth.run(T0 + 2000 * MS, T0 + 5000 * MS)
-        held = smooth.simulator.control_points[0, :3]
-        assert held == pytest.approx(motion(T0 + 1_966_666_647), abs=1e-3)
-        for k in range(100):
-            stamp = T0 + 5000 * MS + k * 20 * MS
-            smooth.pose(stamp, (0.3, 0, 0))
-            smooth.session.tick(stamp)
-        assert smooth.simulator.control_points[0, 0] == pytest.approx(0.3)
-        assert smooth.events == {"silent": 1, "load_removed": 1, "rejoined": 1}
-
-
-def test_a_first_stamp_of_another_epoch_dates_again_what_came_before(loaded):
-    """Poses without a stamp, and a load; then poses with stamps of then."""
-    clock = 10**6 * SECOND + T0
-    loaded.wrench(0, (1, 0, 0), arrival=clock)
-    for k in range(10):
-        loaded.pose(0, (0.1, 0, 0), arrival=clock + k * 20 * MS)
-    loaded.run(clock, clock + 200 * MS)
-    assert loaded.session.started and loaded.simulator.loads
-    for k in range(10, 50):
-        loaded.pose(T0 + k * 20 * MS, (0.1, 0, 0), arrival=clock + k * 20 * MS)
-        loaded.session.tick(clock + k * 20 * MS)
-    assert loaded.session.offset_ns == 10**6 * SECOND
-    assert loaded.session.journal.refused.total() == 0 and loaded.simulator.loads
-    assert loaded.session.stamp_ns == clock + (49 * 20 - 60) * MS
-    assert loaded.events == {"other_epoch": 1, "time_jump": 1, "load_removed": 1}
 
 
 def test_a_live_tick_is_bounded_however_short_the_step(bench):

@@ -1,23 +1,9 @@
-"""Queues of loads: order, timeout, sign; and how the drive applies them (zero-order hold)."""
+"""Loads: order, timeout, sign, and that each acts until the next (zero-order hold)."""
 
-import numpy as np
 import pytest
-from session_bench import FREE, LOADED, MS, SECOND, Bench
-
-from dlo_sim.core import rotations
-from dlo_sim.scene.loading import scene_from_values
-from dlo_sim.session.waiting import LoadMessage, LoadSchedule
+from session_bench import FREE, MS, SECOND, Bench
 
 T0 = 1000 * SECOND
-
-
-def make(timeout=0.5, sign=1.0):
-    values = {"loads.names": ["tip"], "loads.tip.timeout": timeout, "loads.tip.sign": sign}
-    return LoadSchedule(scene_from_values(values).loads[0])
-
-
-def message(ms, fx=1.0, end=""):
-    return LoadMessage(ms * MS, (fx, 0.0, 0.0), (0.0, fx, 0.0), end)
 
 
 def forces(bench):
@@ -25,42 +11,19 @@ def forces(bench):
     return [(call[1], round(call[3][0], 12)) for call in bench.simulator.calls if call[0] == "load"]
 
 
-def test_messages_come_out_at_their_stamps_in_order():
-    schedule = make()
-    schedule.add(message(20, 2.0))
-    schedule.add(message(10, 1.0))
-    assert schedule.next_change_ns() == 10 * MS
-    assert not list(schedule.due(9 * MS)) and schedule.held is None
-    assert list(schedule.due(10 * MS)) == [message(10, 1.0)]
-    assert (schedule.held, schedule.passed_ns) == (message(10, 1.0), 10 * MS)
-    assert schedule.next_change_ns() == 20 * MS
-    assert list(schedule.due(25 * MS)) == [message(20, 2.0)]
-
-
-@pytest.mark.parametrize(("timeout", "removal"), [(0.5, SECOND // 2), (0.0, None)])
-def test_a_load_is_removed_its_timeout_after_its_stamp_if_it_has_one(timeout, removal):
-    schedule = make(timeout)
-    assert schedule.removal_ns() is None
-    schedule.add(message(0))
-    list(schedule.due(0))
-    assert schedule.removal_ns() == schedule.next_change_ns() == removal
-
-
-def test_the_sign_is_that_of_the_load():
-    schedule = make(sign=-1.0)
-    schedule.add(message(0, 3.0))
-    (load,) = schedule.due(0)
-    assert (load.force, load.torque) == ((-3.0, 0.0, 0.0), (0.0, -3.0, 0.0))
-
-
-def test_a_load_acts_from_the_first_step_at_its_stamp_until_the_next():
-    bench = Bench(FREE)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_load_acts_from_the_first_step_at_its_stamp_until_the_next(sign):
+    """With the sign that the scene gives it, force and torque."""
+    bench = Bench(FREE, **{"loads.tip.sign": sign})
     for ms, fx in ((100, 1.0), (120, 2.0), (120.5, 3.0)):
-        bench.wrench(T0 + round(ms * MS), (fx, 0, 0), arrival=T0 + 125 * MS)
+        bench.wrench(T0 + round(ms * MS), (fx, 0, 0), (0, fx, 0), arrival=T0 + 125 * MS)
     bench.run(T0, T0 + 400 * MS)
     origin = bench.session._drive.grid.origin_ns
     first = (T0 + 100 * MS - origin) // MS
-    assert forces(bench) == [(first, 1.0), (first + 20, 2.0), (first + 21, 3.0)]
+    assert forces(bench) == [(first, sign), (first + 20, 2 * sign), (first + 21, 3 * sign)]
+    assert [call[4][1] for call in bench.simulator.calls if call[0] == "load"] == [
+        *(sign, 2 * sign, 3 * sign)
+    ]
     assert not bench.events
 
 
@@ -81,17 +44,6 @@ def test_a_late_load_acts_from_now_on_and_that_is_said():
     bench.run(T0 + 500 * MS, T0 + 520 * MS)
     assert [force for _, force in forces(bench)] == [1.0]
     assert bench.events == {"late": 1}
-
-
-def test_a_load_in_the_end_effectors_frame_is_turned():
-    bench = Bench(LOADED)
-    turned = tuple(rotations.from_rotation_vector([0, 0, np.pi / 2]))
-    for k in range(30):
-        bench.pose(T0 + k * 10 * MS, orientation=turned)
-    bench.wrench(T0, (1, 0, 0), (0, 1, 0), frame="tool")
-    bench.run(T0, T0 + 300 * MS)
-    (call,) = (call for call in bench.simulator.calls if call[0] == "load")
-    assert np.allclose(call[3:5], [(0, 1, 0), (-1, 0, 0)], atol=1e-12)
 
 
 def test_a_new_simulator_gets_what_is_held():

@@ -34,11 +34,7 @@ class Made(NamedTuple):
 
 
 def write_bag(
-    path: Path,
-    states: list[np.ndarray],
-    forces: list[tuple],
-    node: str,
-    knots: str = "0 0 1",
+    path: Path, states: list[np.ndarray], forces: list[tuple], node: str, knots: str = "0 0 1"
 ) -> None:
     points, reaction = f"{node}/control_points", f"{node}/start/reaction"
     poses = cdr.PoseArrayEncoder("world", len(states[0]))

@@ -67,11 +67,3 @@ def test_any_size_and_any_name_is_drawn(tmp_path, write, scale):
     write(run, tmp_path / "picture")
     with Image.open(tmp_path / "picture") as picture:
         assert picture.format == "PNG"
-
-
-def test_cable_at_one_point_and_one_time_is_drawn(tmp_path):
-    line = np.full((1, 5, 3), 1e8)
-    run = Run("point", np.zeros(1), line, line)
-    for write in (write_still, write_plots):
-        write(run, tmp_path / "picture")
-    write_film(run, tmp_path / "film", "gif")

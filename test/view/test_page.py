@@ -43,16 +43,6 @@ def test_data_in_the_page_is_the_run(made, page):
     assert not re.search(r"(src|href)=|https?://(?!www\.w3\.org)", text), "it loads nothing"
 
 
-def test_a_chromium_that_only_asks_for_its_snap_is_none(tmp_path, monkeypatch):
-    stub = tmp_path / "chromium"
-    stub.write_text("#!/bin/sh\necho 'requires the chromium snap to be installed' >&2\nexit 1\n")
-    stub.chmod(0o755)
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert chromium.__wrapped__() is None
-    stub.write_text("#!/bin/sh\necho Chromium 1.2\n")
-    assert chromium.__wrapped__() == str(stub)
-
-
 def test_name_that_looks_like_markup_ends_nothing(made, tmp_path):
     run = read_run(made.recording)
     object.__setattr__(run, "name", "</script><b>$data")
