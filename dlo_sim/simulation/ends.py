@@ -17,7 +17,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.following import twist_angles
 from dlo_sim.simulation.geometry import Geometries, Geometry, given_quaternion, known_holder
-from dlo_sim.simulation.waiting_motions import WaitingMotions
+from dlo_sim.simulation.timeline import WaitingMotions
 
 Array = NDArray[np.float64]
 LEAST_THIRD = 0.01  # of a third of the span at a clamp: least distance of the clamp's neighbour

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -77,7 +77,7 @@ from dlo_sim.simulation.soundness import judged, sound_now
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.statics import place
 from dlo_sim.simulation.stepper import Along, Stepper
-from dlo_sim.simulation.waiting_motions import Waiting
+from dlo_sim.simulation.timeline import Change, Waiting, recorded
 
 Array = NDArray[np.float64]
 LIGHT = 20.0  # weights of the cable that an obstacle in which it begins may press it with
@@ -109,7 +109,7 @@ class Simulator:
     Attributes:
         scene: with the number of control points and the knots that were chosen where it left them
             open; resolution: why, one line. choice: method, step and the reason for them. cable:
-            the arrays.
+            the arrays. follower: repeats every change (`timeline.recorded`), or None.
 
     Args:
         scene: what to simulate, from `dlo_sim.load_scene`.
@@ -157,6 +157,7 @@ class Simulator:
         self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
         self.steps, self._remainder = 0, 0.0
         self.remarks = Remarks()
+        self.follower: Callable[[Change], object] | None = None
         self._fill_loads()
         for name in bodies & set(given):
             self.move_obstacle(name, EndMotion.resting(*given[name]))
@@ -555,6 +556,7 @@ class Simulator:
 
     # -- loads and end effectors ------------------------------------------------------------------
 
+    @recorded
     def set_load(
         self, name: str, force: ArrayLike | None = None, torque: ArrayLike | None = None
     ) -> None:
@@ -596,6 +598,7 @@ class Simulator:
         tangent = self._geometries[name].tangent
         return following.checked_poses(name, given, count, orientation, tangent)
 
+    @recorded
     def set_end(
         self,
         end: str,
@@ -617,6 +620,7 @@ class Simulator:
             position = place - self.model.origin
         self._put_end(end, position, orientation, tangent)
 
+    @recorded
     def set_motion(self, end: str, motion: EndMotion) -> None:
         """Let an end effector or an obstacle follow a motion; then it rests at its last pose.
 
@@ -639,6 +643,7 @@ class Simulator:
 
     # -- obstacles --------------------------------------------------------------------------------
 
+    @recorded
     def set_obstacle(
         self, name: str, position: ArrayLike, orientation: ArrayLike = rotations.IDENTITY
     ) -> None:
@@ -656,6 +661,7 @@ class Simulator:
         self._give_way(kept, obstacles.Overlap.JUMPED)
         self.cable.account.drive_work += self.cable.present_energy() - before
 
+    @recorded
     def move_obstacle(self, name: str, motion: EndMotion) -> None:
         """Let an obstacle follow a motion, which begins where it is then; afterwards it rests.
         Motions that begin later wait, as those of `set_motion`.
@@ -720,6 +726,7 @@ class Simulator:
             )
         self.replace_added(tuple(one for one in self.scene.added if one.name not in gone))
 
+    @recorded
     def replace_added(self, added: tuple[Obstacle, ...]) -> None:
         """Replace the obstacles that were added to those of the scene, without checking them: new
         ones rest at their poses, those that were there continue their motion.
@@ -862,6 +869,7 @@ class Simulator:
 
     # -- grasps -----------------------------------------------------------------------------------
 
+    @recorded
     def take(self, grasp: str, at: float | None = None) -> None:
         """Let a grasp take the cable: from now on what it holds moves with its gripper.
 
@@ -885,6 +893,7 @@ class Simulator:
         """
         self._held_with(grasp, self._geometry_taken(grasp, at))
 
+    @recorded
     def release(self, grasp: str) -> None:
         """Let a grasp release the cable; its gripper goes on as it does.
 
@@ -1096,6 +1105,7 @@ class Simulator:
                 stacklevel=2,
             )
 
+    @recorded
     def correct(self, shift: ArrayLike, speed: ArrayLike) -> float:
         """Add to the positions [m] and velocities [m/s] of the control points, shapes (n_u, 3).
 
@@ -1126,6 +1136,10 @@ class Simulator:
             )
         cable.account.load_work += work
         return float(work)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy is not followed."""
+        return self.__dict__ | {"follower": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Connect the end effectors of a copy to the copy's own arrays."""

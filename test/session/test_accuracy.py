@@ -11,7 +11,6 @@ from session_bench import FREE, MS, SECOND
 
 from dlo_sim.scene.loading import load_scene, scene_from_values, shipped_scene
 from dlo_sim.session import drive
-from dlo_sim.session.diagnostics import Accuracy
 from dlo_sim.session.session import Session
 from dlo_sim.simulation.error_estimate import ErrorEstimate, advice
 from dlo_sim.simulation.report import DiscretizationError
@@ -21,7 +20,7 @@ T0 = 100 * SECOND
 
 
 class FakeEstimate:
-    """Passes everything on and reports what it is told to."""
+    """Looks at nothing and reports what it is told to."""
 
     def __init__(self, simulator) -> None:
         self.simulator = simulator
@@ -34,8 +33,14 @@ class FakeEstimate:
     def take_over(self) -> None:
         self.recent = DiscretizationError(0.0, 0.0)
 
-    def __getattr__(self, name):
-        return getattr(self.simulator, name)
+    def end(self) -> None:
+        pass
+
+    def next_look(self, steps: int) -> int:
+        return steps + 1000
+
+    def look(self, report) -> str:
+        return ""
 
 
 @pytest.fixture
@@ -193,29 +198,6 @@ def test_reset_and_changed_parameters_estimate_anew(estimates):
     one.tick(T0 + 10 * MS)
     assert len(estimates) == 3
     assert found(one)[2]["error estimate [m]"] == "off"
-
-
-def test_loads_and_steps_go_to_the_companions(monkeypatch):
-    asked: list[str] = []
-
-    class Asked(FakeEstimate):
-        def set_load(self, *given, **named):
-            asked.append("load")
-
-        def advance_steps(self, steps, recorder=None):
-            asked.append("steps")
-            return self.simulator.advance_steps(steps)
-
-    monkeypatch.setattr(drive, "_estimate", lambda simulator, poses=None: Asked(simulator))
-    from dlo_sim.session import cdr
-
-    one = session()
-    one.tick(T0)
-    raw = cdr.StampedEncoder(cdr.WRENCH_STAMPED, "world").encode(T0, (1.0, 0, 0, 0, 0, 0))
-    one.receive("/wrench", raw, T0)
-    one.tick(T0 + 200 * MS)
-    assert asked[:2] == ["steps", "load"]
-    assert isinstance(one._accuracy, Accuracy)
 
 
 def test_a_run_that_is_finer_in_time_begins_in_the_shape_that_was_found():

@@ -167,9 +167,10 @@ def test_the_error_estimate_takes_obstacles_up():
     for each in (1, 4, 40):
         estimate = ErrorEstimate.placed(lying())
         estimate.advance_steps(8)
-        estimate.replace_added((TABLE,))
+        estimate.simulator.replace_added((TABLE,))
         begin, turn = estimate.simulator.time, np.array([0.0, 0.0, 0.0, 1.0])
-        estimate.set_motion("table", EndMotion.from_coefficients(begin, 1.0, path, turn, turns))
+        motion = EndMotion.from_coefficients(begin, 1.0, path, turn, turns)
+        estimate.simulator.set_motion("table", motion)
         for _ in range(40 // each):
             estimate.advance_steps(each)
         for one in (companion.simulator for companion in estimate.companions):

@@ -1,8 +1,13 @@
-"""Motions of end effectors and obstacles that wait for their start."""
+"""What changes a cable and when: the changes that are made to a simulator, which finer runs of it
+repeat, and the motions of end effectors and obstacles that have not begun.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import deepcopy
+from functools import wraps
+from typing import Any, Concatenate, NamedTuple, ParamSpec, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +18,52 @@ from dlo_sim.core.end_motion import EndMotion
 Array = NDArray[np.float64]
 Waiting = Mapping[str, tuple[EndMotion, ...]]
 """End effector or obstacle -> its motions that have not begun, in their order."""
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+
+
+class Change(NamedTuple):
+    """A call that changed a simulator: name of the method, arguments."""
+
+    name: str
+    given: tuple[Any, ...]
+    named: dict[str, Any]
+
+    def repeat(self, simulator: object, began: float) -> None:
+        """Make it on another simulator, which began at a time [s] of the first one."""
+        given, named = deepcopy((self.given, self.named))
+        earlier = [one.later(-began) if isinstance(one, EndMotion) else one for one in given]
+        getattr(simulator, self.name)(*earlier, **named)
+
+
+class Followed(Protocol):
+    """A simulator, and what is told of every change of it."""
+
+    follower: Callable[[Change], object] | None
+
+
+Simulating = TypeVar("Simulating", bound=Followed)
+
+
+def recorded(
+    method: Callable[Concatenate[Simulating, Given], Result],
+) -> Callable[Concatenate[Simulating, Given], Result]:
+    """A method that changes a simulator and then tells its follower; what it calls itself does
+    not.
+    """
+
+    @wraps(method)
+    def call(simulator: Simulating, *given: Given.args, **named: Given.kwargs) -> Result:
+        follower, simulator.follower = simulator.follower, None
+        try:
+            result = method(simulator, *given, **named)
+        finally:
+            simulator.follower = follower
+        if follower is not None:
+            follower(Change(method.__name__, *deepcopy((given, named))))
+        return result
+
+    return call
 
 
 class WaitingMotions:
