@@ -44,9 +44,6 @@ CREEP = 1e-6  # cable lengths per second; the account's floor is the energy of s
 class Cable:
     """A model with its inputs, state and working memory, all zero at first.
 
-    The memory has room for all that may become active while the cable runs; the arrays are views of
-    the active part, so that an activation (`activate`) only changes their shapes.
-
     Attributes:
         arrays: all arrays by name. Their constants are those of the model.
         inputs: the numbers of `arrays.inputs`, changed by callers. state: those of `arrays.state`,
@@ -62,20 +59,12 @@ class Cable:
         self.place_obstacles(0.0)
 
     def _allocate(self, model: Model) -> None:
+        sizes = model.arrays.sizes
         self.inputs, self.state = map(aligned_zeros, model.rooms)
-        self._working_memory = aligned_zeros(Work.room(model.most))
-        self._show(model)
-
-    def _show(self, model: Model) -> None:
-        """Make the arrays those of a model of the same scene; the numbers of inputs and state stay
-        where they are.
-        """
-        sizes, most = model.arrays.sizes, model.most
-        self._working_memory[:] = 0.0
         self.model, self.arrays = model, copy(model.arrays)
-        self.arrays.inputs = Inputs(sizes, self.inputs, most)
-        self.arrays.state = State(sizes, self.state, most)
-        self.arrays.work = Work(sizes, self._working_memory, most)
+        self.arrays.inputs = Inputs(sizes, self.inputs)
+        self.arrays.state = State(sizes, self.state)
+        self.arrays.work = Work(sizes)
         self.arrays.terms &= ~self._left_out
         self._balance = numbers_of(self.arrays.state.balance)
         self.x, self.w = self.shown(self.arrays.state.x), self.shown(self.arrays.state.w)
@@ -90,14 +79,9 @@ class Cable:
         kept = [array.copy() for array in self._lasting]
         axes = list(self.model.axes)
         pending, touched = self.account.pending, self._touched()
-        self.state[:] = 0.0
-        if model.rooms == self.model.rooms:
-            self._show(model)
-        else:
-            motion, loads = self.motion.copy(), self.loads.copy()
-            self._allocate(model)
-            self.motion[:] = motion
-            self.loads[: len(loads)] = loads[: len(self.loads)]
+        motion, loads = self.motion, self.loads
+        self._allocate(model)
+        self.motion[:], self.loads[:] = motion, loads
         self._begin_slides()
         for array, values in zip(self._lasting, kept, strict=True):
             array[...] = values

@@ -30,10 +30,8 @@ from dlo_sim.scene.needs import (
     Needs,
     check_terms,
     inextensible,
-    moments_may_come,
     needs_of,
-    needs_of_end,
-    needs_of_load,
+    with_load,
 )
 from dlo_sim.simulation import following, obstacles, self_contact
 from dlo_sim.simulation.build_model import build_model
@@ -139,7 +137,7 @@ class Simulator:
         arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
         self.scene, self.resolution = resolved(scene)
         scene = self.scene
-        needs = needs_of(scene)
+        needs = needs_of(scene, continues)
         check_terms(scene, needs)
         check_named_method(scene)
         self.needs = needs
@@ -168,7 +166,6 @@ class Simulator:
             held = [one.u for one in self._geometries.values() if one.u is not None]
             self_contact.check_start(scene, self.cable, held)
         self.choice = choose(scene, self._largest_frequency(), unchecked_step)
-        self.needs = needs
         self.stepper = Stepper(scene, self.cable, self.choice.method, self.choice.step)
         if not given and not continues:
             self.remarks.look_at_start(self)
@@ -479,8 +476,8 @@ class Simulator:
         paths = {name: following.on_grid(grid, stamps, given) for name, given in rows.items()}
         for name, path in paths.items():
             self._put_end(name, path[0, :3], path[0, 3:])
-            self._need(self._needs_along(name, path))
-        cable = self.cable  # after set_end, which may have activated more terms
+            self._move_along(name, path)
+        cable = self.cable
         recorder = Recorder(self.model, wanted)
         motions = np.repeat(cable.motion[None], len(grid) - 1, axis=0)
         for name, path in paths.items():
@@ -568,7 +565,7 @@ class Simulator:
         arguments.one_of("load", name, self._load_index)
         push = _three(f"force of {name}", force, "N")
         turn = _three(f"torque of {name}", torque, "N m")
-        self._need(needs_of_load(self.needs, self.scene, push, turn))
+        self.needs = with_load(self.needs, self.scene, name, push, turn)
         row = self.cable.loads[self._load_index[name]]
         if push is not None:
             row[:3] = push
@@ -636,9 +633,9 @@ class Simulator:
             return self.move_obstacle(end, motion)
         self.ends.check_motion(end, self.time, motion, self.step, self.model.origin)
         motion = motion.moved(-self.model.origin)
+        self._move_along(end, _poses(motion))
         if not self.ends.follow_later(end, self.time, motion):
             self.ends.follow(end, self.time, motion)
-        self._need(self._needs_moved(end))
         self._turn_natural_shape()
 
     # -- obstacles --------------------------------------------------------------------------------
@@ -672,9 +669,8 @@ class Simulator:
         self._obstacle(name)
         arguments.instance("motion", motion, EndMotion, "dlo_sim.EndMotion")
         motion = motion.moved(-self.model.origin)
-        leaves = obstacles.leaves_plane(motion, self.model.axes)
-        needs = self.needs.spatial(self.scene) if leaves else self.needs
-        self._need(needs)
+        if obstacles.leaves_plane(motion, self.model.axes):
+            self.needs = self.needs.in_plane(self.scene)
         row = self._obstacle(name)
         row[ACTIVE] = 1.0
         moves = bool(row[START] + row[DURATION] > self.time)
@@ -685,9 +681,8 @@ class Simulator:
     def add_obstacles(self, added: Iterable[Obstacle]) -> None:
         """Add obstacles, at rest at their poses from now on; the work that this does is theirs.
 
-        Needs the method energy_momentum or another one with one implicit step. The memory grows
-        with their number, and code is compiled with the first one of a shape, unless the scene
-        makes room for them (contact.markers).
+        Needs the method energy_momentum or another one with one implicit step. Code is compiled
+        with the first one of a shape, unless the scene says that some may come (contact.markers).
 
         Raises:
             TypeError, ValueError: an obstacle as no scene has it, the name of another one, the
@@ -748,11 +743,11 @@ class Simulator:
         self.cable.settle(self.time)
         before, kept = self.cable.present_energy(), self._pressures
         self.scene, needs = scene, self.needs.with_contact(bool(scene.bodies) and scene.touches)
-        place = self._geometries["start"].attachment + self._origin
-        missing = {0, 1, 2} - set(needs.axes)
-        across = any(one.pushes_along(k, float(place[k])) for k in missing for one in added)
-        if across or (added and scene.terms.out_of_plane != "off"):
-            needs = needs.spatial(scene)
+        if added and len(needs.axes) == 2:
+            if scene.terms.out_of_plane != "off":  # what touches does not hang taut
+                needs = needs_of(scene)
+            elif self._pushed_across(added):
+                needs = needs.in_plane(scene)
         for one in known ^ set(scene.bodies):
             self.ends.queue.drop(one.name)
         self.activate(needs, self._geometries)
@@ -839,33 +834,32 @@ class Simulator:
         """`set_end` to a position in the cable's coordinates."""
         before = self.ends.state_of(end)
         self.ends.place(end, self.time, position, orientation, tangent)
-        # What the jump brings in begins where the end was: its springs do work on the way.
-        needs, after = self._needs_moved(end), self.ends.state_of(end)
-        self.ends.set_state(end, before)
-        self._need(needs)
-        self.ends.set_state(end, after)
+        try:
+            self._move_along(end, np.concatenate(self.ends.pose(end, self.time))[None])
+        except ValueError:
+            self.ends.set_state(end, before)
+            raise
         self._turn_natural_shape()
         if self.choice.method.family != IMPLICIT:  # implicit steps account for the jump exactly
             self.cable.jump(self.time, lambda points: self.ends.put(points, self.time))
 
-    def _needs_moved(self, end: str) -> Needs:
-        """What a moved end needs: the drive itself, the third coordinate, twist."""
-        first = self._geometries[end].position
-        leaves_plane = not self.ends.stays_in_plane(end, self.model.axes, first)
-        twists = "twist" not in self.needs and self.ends.twists(end)
-        return needs_of_end(self.needs, self.scene, leaves_plane=leaves_plane, twists=twists)
+    def _move_along(self, end: str, path: Array) -> None:
+        """Say what the terms do not show of an end effector that moves through poses (K, 7).
 
-    def _needs_along(self, end: str, path: Array) -> Needs:
-        """Needs once an end effector moves along a path of poses, shape (K, 7)."""
-        turned = rotations.multiply(path[:, 3:], rotations.conjugate(path[0, 3:]))
-        turns = rotations.to_rotation_vector(turned)
-        across = [axis for axis in range(3) if axis not in self.model.axes]
-        leaves = bool(across) and bool(
-            np.ptp(path[:, across]) > 0.0 or np.abs(turns[:, list(self.model.axes)]).max() > 1e-12
-        )
-        rolls = self.scene.holders[end].holds_roll
-        twists = rolls and bool(np.abs(turns @ self.ends.tangent(end, self.time)).max() > 1e-12)
-        return needs_of_end(self.needs, self.scene, leaves_plane=leaves, twists=twists)
+        Raises:
+            ValueError: they lead a cable out of its plane that is simulated only there.
+        """
+        self.needs = self.needs.with_drive()
+        if self.ends.leaves_plane(end, path, self.model.axes, self._geometries[end]):
+            self.needs = self.needs.in_plane(self.scene)
+        if self.scene.terms.twist == "off" and self.ends.twists(end, path):
+            self.needs = self.needs.twisted(self.scene)
+
+    def _pushed_across(self, bodies: Iterable[Obstacle]) -> bool:
+        """Whether obstacles push the cable out of its plane."""
+        place = self._geometries["start"].attachment + self._origin
+        missing = {0, 1, 2} - set(self.model.axes)
+        return any(one.pushes_along(k, float(place[k])) for k in missing for one in bodies)
 
     # -- grasps -----------------------------------------------------------------------------------
 
@@ -1182,10 +1176,8 @@ class Simulator:
         """
         arguments.instance("other", other, Simulator, "one that runs")
         self.replace_added(other.scene.added)
-        if len(other.model.axes) == 3:
-            self._need(self.needs.spatial(self.scene))
-        if other.cable.points[:, 3].any():
-            self._need(self.needs.with_twist(self.scene))
+        if len(other.model.axes) > len(self.model.axes):
+            self.needs = self.needs.in_plane(self.scene)
         way = other._origin - self._origin
         points, rates = self.cable.shape_of(other.cable, other.time)
         here = {*self.scene.holders, *(one.name for one in self.scene.bodies)}
@@ -1193,7 +1185,7 @@ class Simulator:
         self.ends.take_over(other.ends, other.time, other.cable.frame_turn, way)
         for name in self.scene.holders:
             if self.ends.state_of(name)[0][ACTIVE]:
-                self._need(self._needs_moved(name))
+                self._move_along(name, np.concatenate(self.ends.pose(name, 0.0))[None])
         taking = self._take_over_grasps(other)
         for name, holder in self.scene.holders.items():
             at = self._geometries[name].u
@@ -1291,16 +1283,11 @@ class Simulator:
 
     def _load_ahead(self) -> None:
         """Load the code of what may come, which no step or tick must have to compile: reading the
-        state, the twist that a moment brings, and a grasp that takes or releases the cable.
+        state, and a grasp that takes or releases the cable.
         """
         self.cable.velocities(0.0)
         self.cable.balance()
         self.cable.present_energy()
-        needs = needs_of_load(self.needs, self.scene, None, np.ones(3))
-        if moments_may_come(self.scene) and "twist" in needs and "twist" not in self.needs:
-            self._need(needs)
-            self._read()
-            self.restore(self._initial)
         if self.scene.contact.markers and "contact" not in self.needs:
             x, y, z = (self._origin + 1e3 * self.scene.cable.length).tolist()
             mesh = as_text(obstacles.surface(Obstacle("box", "box")))
@@ -1327,14 +1314,6 @@ class Simulator:
             self.reaction_wrench(holder)
         self.contacts  # noqa: B018
 
-    def _need(self, needs: Needs) -> None:
-        """Activate the terms and lines that these needs add; the state is kept."""
-        had, has = ((one.axes, "twist" in one, "loads" in one) for one in (self.needs, needs))
-        if had == has:
-            self.needs = needs
-        else:
-            self.activate(needs, self.held_now)
-
     def activate(self, needs: Needs, geometries: Geometries) -> None:
         """Go on with other needs or grasps from the present state."""
         cable, points, rates = self.cable, self.cable.points, self.velocities
@@ -1356,6 +1335,12 @@ class Simulator:
 def _three(name: str, value: ArrayLike | None, unit: str) -> Array | None:
     """Three finite numbers, or None."""
     return None if value is None else arguments.numbers(name, value, (3,), unit)
+
+
+def _poses(motion: EndMotion) -> Array:
+    """Poses at the begin, in the middle and at the end of a motion, shape (3, 7)."""
+    t = motion.start + motion.duration * np.array([0.0, 0.5, 1.0])
+    return np.hstack([motion.position_at(t), [motion.orientation_at(one) for one in t]])
 
 
 def _coordinates(u: ArrayLike) -> Array:

@@ -111,7 +111,7 @@ class Stepper:
         if along is not None:
             done = self._called(first, steps, self.step, recorder, along)
             return done if done.status.ok else done._replace(worst=self._worst_point(done.status))
-        if self._kept.size != self._cable.state.size:  # obstacles were added
+        if self._kept.size != self._cable.state.size:  # it has another model
             self._kept = np.empty_like(self._cable.state)
         self._kept[:] = self._cable.state
         done = self.run(first, steps, recorder)
