@@ -14,8 +14,8 @@ from dlo_sim.engine.arrays import MOTION_SIZE
 from dlo_sim.engine.grasps import ACTIVE, TWIST
 from dlo_sim.methods import between_steps
 from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.bodies import motion_of, write
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.following import twist_angles
 from dlo_sim.simulation.geometry import Geometries, Geometry, given_quaternion, known_holder
 from dlo_sim.simulation.timeline import WaitingMotions
 
@@ -286,26 +286,14 @@ class EndDrive:
 
     def restored(self) -> None:
         """Rebuild the motions after `motion` was overwritten by a snapshot."""
-        for name, row in self._rows.items():
-            m = self.motion[row]
-            self._motions[name] = EndMotion.from_coefficients(
-                float(m[1]),
-                float(m[2]),
-                m[3:12].reshape(3, 3).copy(),
-                rotations.from_matrix(m[12:21].reshape(3, 3)),
-                m[21:27].reshape(2, 3).copy(),
-            )
+        self._motions = {name: motion_of(self.motion[row]) for name, row in self._rows.items()}
 
     def _direction(self, end: str) -> Array:
         """Direction of the cable in an end effector's frame."""
         return self.motion[self._rows[end], grasps.DIRECTION : grasps.DIRECTION + 3]
 
     def _write(self, end: str, motion: EndMotion) -> None:
-        m = self.motion[self._rows[end]]
-        m[1], m[2] = motion.start, motion.duration
-        m[3:12] = motion.position_coefficients.ravel()
-        m[12:21] = rotations.to_matrix(motion.orientation).ravel()
-        m[21:27] = motion.rotation_coefficients.ravel()
+        write(self.motion[self._rows[end]], motion)
         self._motions[end] = motion
 
 
@@ -314,3 +302,12 @@ def apart(pose: tuple[Array, Array], position: Array, orientation: Array) -> tup
     way = math.dist(pose[0].tolist(), position.tolist())
     turn = one_rotation.turn_between(pose[1].tolist(), orientation.tolist())
     return way, math.hypot(*turn)
+
+
+def twist_angles(turns: Array, axes: Array) -> Array:
+    """Twist angles [rad] of rotation vectors about unit axes, each of shape (..., 3), by the
+    swing-twist decomposition.
+    """
+    half = 0.5 * np.linalg.norm(turns, axis=-1)
+    along = np.sum(turns * axes, axis=-1)
+    return np.asarray(2.0 * np.arctan2(0.5 * np.sinc(half / np.pi) * along, np.cos(half)))

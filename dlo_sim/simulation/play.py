@@ -13,13 +13,12 @@ from typing import Protocol
 
 from dlo_sim.core import bspline
 from dlo_sim.core.methods import IMPLICIT
+from dlo_sim.simulation import remarks
+from dlo_sim.simulation.core import Core
 from dlo_sim.simulation.recorder import Recorder
-from dlo_sim.simulation.remarks import Remarks, Running
 from dlo_sim.simulation.report import WRONG, Report, Status, explained, newton_note
 from dlo_sim.simulation.soundness import sound_now
-from dlo_sim.simulation.stepper import Along
-
-CHUNK = 4096  # steps of a long advance after which the state is kept in case of a failure
+from dlo_sim.simulation.stepper import CHUNK, Along
 
 
 class Played(Protocol):
@@ -31,19 +30,6 @@ class Played(Protocol):
 
     def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
         """Advance by whole steps."""
-
-
-class Stepped(Running, Protocol):
-    """What `stretch` steps: a simulator."""
-
-    remarks: Remarks
-
-    @property
-    def steps_of_motions(self) -> int:
-        """Number of steps for which end effectors and obstacles keep to their present motions."""
-
-    def begin_motions(self) -> None:
-        """Let motions begin that have waited for the present time."""
 
 
 class Timeline(Protocol):
@@ -115,7 +101,7 @@ def play(
 
 
 def stretch(
-    sim: Stepped, steps: int, recorder: Recorder | None = None, along: Along | None = None
+    sim: Core, steps: int, recorder: Recorder | None = None, along: Along | None = None
 ) -> Report:
     """Advance by whole steps between two stops of `play`. On failure the last good state is kept.
 
@@ -125,15 +111,15 @@ def stretch(
     method, step, done, evaluations = sim.choice.method, sim.choice.step, 0, 0
     while done < steps:
         most = min(CHUNK, steps - done, sim.steps_of_motions)
-        piece = sim.remarks.steps_until_look(sim, most)
+        piece = remarks.steps_until_look(sim, most)
         ahead = None if along is None else along.part(done, piece)
         status, made, used, worst = sim.stepper.advance(sim.steps, piece, recorder, ahead)
         sim.steps += made
         done, evaluations = done + made, evaluations + used
         if made:
-            sim.remarks.look_for_buckling(sim)
+            remarks.look_for_buckling(sim)
         if done >= steps or done // CHUNK > (done - made) // CHUNK or not status.ok:
-            sim.remarks.look_at_itself(sim)
+            remarks.look_at_itself(sim)
         sim.begin_motions()
         if not status.ok:
             u = bspline.greville(sim.model.knots)[worst]
@@ -145,6 +131,6 @@ def stretch(
     note = newton_note(method, step, done, evaluations, sim.scene.touches)
     wrong = sound_now(sim.cable, sim.ends, sim.time)
     if not wrong and method.family != IMPLICIT and sim.energy_error > WRONG:
-        wrong = sim.remarks.open_balance(sim)
+        wrong = remarks.open_balance(sim)
     status = Status.UNRESOLVED if wrong else Status.OK
     return Report(status, wrong, done, done * step, evaluations, note)

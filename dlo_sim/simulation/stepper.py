@@ -23,6 +23,7 @@ from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Status
 
 Array = NDArray[np.float64]
+CHUNK = 4096  # steps of a long advance after which the state is kept in case of a failure
 GUARD_STEPS = 16  # explicit steps between two checks of the energy
 GROSS_SHARE = 1.0  # of the energy exchanged: states with a larger energy error are never shown
 SOUND_SHARE = 0.1  # of the energy exchanged: largest energy error from which steps are retried
