@@ -43,7 +43,7 @@ def take_over(core: Core, other: Core) -> None:
     core.cable.point_grasps(0.0)
     core.cable.put(points, rates, 0.0)
     core.cable.take_over_samples(other.cable)
-    core.cable.take_over_contact(other.cable)
+    core.cable.take_contact(other.cable, by_name=True)
     if core.natural.follows and not core.natural.equals(other.natural):
         core.lay_natural_shape()
     core.cable.flow()
