@@ -451,13 +451,8 @@ class Core:
         self.remainder = snapshot.remainder
         known = snapshot.scene == self.scene and snapshot.geometries is self.geometries
         if snapshot.needs != self.needs or not known:
-            self.scene = snapshot.scene
-            self.geometries, self.origin = snapshot.geometries, snapshot.origin
-            self.cable.activate(
-                build_model(self.scene, snapshot.needs, self.geometries, origin=self.origin)
-            )
-            self.hold_cable()
-            self.shape_naturally()
+            self.scene, self.origin = snapshot.scene, snapshot.origin
+            self._take_model(snapshot.needs, snapshot.geometries)
         self.needs = snapshot.needs  # equal needs may have different warnings
         self.cable.state[:] = snapshot.state
         self.cable.inputs[:] = snapshot.inputs
@@ -554,16 +549,20 @@ class Core:
         pulled = dict(zip(self.model.spring_places, cable.anchors.tolist(), strict=True))
         in_material_frame = self.model.has(MATERIAL)
         self.ends.take_frame_turns(cable.frame_turn)
-        self.needs, self.geometries = needs, geometries
-        cable.activate(build_model(self.scene, needs, geometries, origin=self.origin))
-        self.hold_cable()
+        self._take_model(needs, geometries)
         for k, held in enumerate(self.model.spring_places):
             cable.anchors[k] = pulled.get(held, cable.anchors[k])
-        self.shape_naturally()
         cable.put(points, rates)
         if self.model.has(MATERIAL) and not in_material_frame:
             self.lay_natural_shape()
         cable.flow()
+
+    def _take_model(self, needs: Needs, geometries: Geometries) -> None:
+        """Make the model that of these needs and of what holds the cable."""
+        self.needs, self.geometries = needs, geometries
+        self.cable.activate(build_model(self.scene, needs, geometries, origin=self.origin))
+        self.hold_cable()
+        self.shape_naturally()
 
     def hold_cable(self) -> None:
         """Let the end effectors and grasps hold the cable where they are now."""
@@ -590,9 +589,8 @@ class Core:
 
     def lay_unslipped(self) -> None:
         """Lay the natural shape along the present shape."""
-        self.natural.lay(
-            self.start_orientation, self.curve.poses(self.natural.places, self.time)[:, 3:]
-        )
+        frames = self.curve.poses(self.natural.places, self.time)[:, 3:]
+        self.natural.lay(self.start_orientation, frames)
 
     @property
     def start_orientation(self) -> Array:

@@ -8,7 +8,7 @@ division of a run into calls changes nothing. At its end shape and energy are ju
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Protocol
 
 from dlo_sim.core import bspline
@@ -39,25 +39,6 @@ class Timeline(Protocol):
         """Make the changes that are due; returns the step, at most `stop`, of the next ones. If it
         is the present step, the run ends.
         """
-
-
-class Changes:
-    """A timeline of calls, each made when the simulator has taken so many steps."""
-
-    def __init__(self, simulator: Played) -> None:
-        self._simulator = simulator
-        self._calls: list[tuple[int, Callable[[], object]]] = []
-
-    def add(self, at: int, call: Callable[[], object]) -> None:
-        """Make a call after `at` steps; calls of the same step in the order in which they came."""
-        self._calls.append((at, call))
-        self._calls.sort(key=lambda one: one[0])
-
-    def apply(self, stop: int) -> int:
-        """See `Timeline`."""
-        while self._calls and self._calls[0][0] <= self._simulator.steps:
-            self._calls.pop(0)[1]()
-        return min(stop, self._calls[0][0]) if self._calls else stop
 
 
 class Watcher(Protocol):
