@@ -37,3 +37,9 @@ def pose_at(row: Array, t: float) -> tuple[Array, Array]:
     """Position [m] and quaternion x, y, z, w of a row at time t [s]."""
     motion = motion_of(row)
     return motion.position_at(t), motion.orientation_at(t)
+
+
+def poses_of(motion: EndMotion) -> Array:
+    """Poses at the begin, in the middle and at the end of a motion, shape (3, 7)."""
+    t = motion.start + motion.duration * np.array([0.0, 0.5, 1.0])
+    return np.hstack([motion.position_at(t), motion.orientation_at(t)])

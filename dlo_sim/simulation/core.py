@@ -180,10 +180,7 @@ class Core:
         """Pose of an end effector or an obstacle at the present time: position [m] (3,), quaternion
         x, y, z, w (4,).
         """
-        if any(obstacle.name == end for obstacle in self.scene.bodies):
-            position, orientation = bodies.pose_at(self.body(end), self.time)
-        else:
-            position, orientation = self.ends.pose(end, self.time)
+        position, orientation = self.pose_of(end, self.time)
         return position + self.model.origin, orientation
 
     def put_end(
@@ -194,28 +191,32 @@ class Core:
         tangent: ArrayLike | None = None,
     ) -> None:
         """`set_end` to a position in the cable's coordinates."""
-        before = self.ends.state_of(end)
+        before, waiting = self.ends.state_of(end), self.ends.queue.by_name
         self.ends.place(end, self.time, position, orientation, tangent)
         try:
-            self.move_along(end, np.concatenate(self.ends.pose(end, self.time))[None])
+            self.move_along(end, self.ends.state_of(end)[1])
         except ValueError:
             self.ends.set_state(end, before)
+            self.ends.queue.replace(waiting)
             raise
         self.turn_natural_shape()
         if self.choice.method.family != IMPLICIT:  # implicit steps account for the jump exactly
             self.cable.jump(self.time, lambda points: self.ends.put(points, self.time))
 
-    def move_along(self, end: str, path: Array) -> None:
+    def move_along(self, end: str, path: Array | EndMotion) -> None:
         """Say what the terms do not show of an end effector that moves through poses (K, 7).
 
         Raises:
             ValueError: they lead a cable out of its plane that is simulated only there.
         """
-        self.needs = self.needs.with_drive()
-        if self.ends.leaves_plane(end, path, self.model.axes, self.geometries[end]):
-            self.needs = self.needs.in_plane(self.scene)
-        if self.scene.terms.twist == "off" and self.ends.twists(end, path):
-            self.needs = self.needs.twisted(self.scene)
+        needs = self.needs if "drive" in self.needs else self.needs.with_drive()
+        if len(self.model.axes) == 2 or self.scene.terms.twist == "off":
+            poses = bodies.poses_of(path) if isinstance(path, EndMotion) else path
+            if self.ends.leaves_plane(end, poses, self.model.axes, self.geometries[end]):
+                needs = needs.in_plane(self.scene)
+            if self.scene.terms.twist == "off" and self.ends.twists(end, poses):
+                needs = needs.twisted(self.scene)
+        self.needs = needs
 
     @property
     def steps_of_motions(self) -> int:
@@ -248,9 +249,9 @@ class Core:
         """Position [m] and quaternion of an end effector or obstacle at time t, in the coordinates
         of the model.
         """
-        if name in self.scene.holders:
-            return self.ends.pose(name, t)
-        return bodies.pose_at(self.body(name), t)
+        if any(obstacle.name == name for obstacle in self.scene.bodies):
+            return bodies.pose_at(self.body(name), t)
+        return self.ends.pose(name, t)
 
     # -- obstacles --------------------------------------------------------------------------------
 

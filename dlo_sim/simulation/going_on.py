@@ -31,7 +31,7 @@ def take_over(core: Core, other: Core) -> None:
     core.ends.take_over(other.ends, other.time, other.cable.frame_turn, way)
     for name in core.scene.holders:
         if core.ends.state_of(name)[0][ACTIVE]:
-            core.move_along(name, np.concatenate(core.ends.pose(name, 0.0))[None])
+            core.move_along(name, core.ends.state_of(name)[1])
     taking = _take_over_grasps(core, other)
     for name, holder in core.scene.holders.items():
         at = core.geometries[name].u

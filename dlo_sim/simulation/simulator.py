@@ -432,7 +432,7 @@ class Simulator(Core):
             return self.move_obstacle(end, motion)
         self.ends.check_motion(end, self.time, motion, self.step, self.model.origin)
         motion = motion.moved(-self.model.origin)
-        self.move_along(end, _poses(motion))
+        self.move_along(end, motion)
         if not self.ends.follow_later(end, self.time, motion):
             self.ends.follow(end, self.time, motion)
         self.turn_natural_shape()
@@ -661,12 +661,6 @@ class Simulator(Core):
 def _three(name: str, value: ArrayLike | None, unit: str) -> Array | None:
     """Three finite numbers, or None."""
     return None if value is None else arguments.numbers(name, value, (3,), unit)
-
-
-def _poses(motion: EndMotion) -> Array:
-    """Poses at the begin, in the middle and at the end of a motion, shape (3, 7)."""
-    t = motion.start + motion.duration * np.array([0.0, 0.5, 1.0])
-    return np.hstack([motion.position_at(t), motion.orientation_at(t)])
 
 
 def _coordinates(u: ArrayLike) -> Array:
