@@ -31,10 +31,10 @@ from dlo_sim.session.topics import InputTopic
 from dlo_sim.session.waiting import LoadMessage, LoadSchedule, TakeMessage, Waiting
 
 if TYPE_CHECKING:
-    from dlo_sim.simulation.core import Snapshot
     from dlo_sim.simulation.error_estimate import ErrorEstimate
     from dlo_sim.simulation.geometry import Pose
     from dlo_sim.simulation.report import Report
+    from dlo_sim.simulation.running import Snapshot
     from dlo_sim.simulation.simulator import Simulator
 
 _ZERO = (0.0, 0.0, 0.0)

@@ -31,7 +31,7 @@ from dlo_sim.simulation.resolution import continued
 
 if TYPE_CHECKING:
     from dlo_sim.session.session import Session
-    from dlo_sim.simulation.core import Snapshot
+    from dlo_sim.simulation.running import Snapshot
 
 Array = NDArray[np.float64]
 _VECTORS = "position", "orientation", "attachment", "tangent"  # of a geometry
@@ -132,8 +132,8 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
         ValueError, TypeError, KeyError: the contents are not consistent.
     """
     from dlo_sim.simulation.build_model import build_model
-    from dlo_sim.simulation.core import Snapshot
     from dlo_sim.simulation.geometry import Geometry  # these import the compiler
+    from dlo_sim.simulation.running import Snapshot
 
     needs = Needs(**_with_tuples(head["needs"]))
     geometries = {}

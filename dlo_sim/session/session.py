@@ -39,8 +39,8 @@ from dlo_sim.session.topics import DEFAULT_NAMING, MARKERS, Naming, tf_inputs
 from dlo_sim.simulation.resolution import knot_grading
 
 if TYPE_CHECKING:
-    from dlo_sim.simulation.core import Snapshot
     from dlo_sim.simulation.obstacles import Contact
+    from dlo_sim.simulation.running import Snapshot
     from dlo_sim.simulation.simulator import Simulator
 
 

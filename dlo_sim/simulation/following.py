@@ -11,12 +11,12 @@ from dlo_sim.core import arguments, rotations
 from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.core.two_points import LEAST_APART, poses_of_two_points
 from dlo_sim.engine import grasps
-from dlo_sim.simulation.core import Core
 from dlo_sim.simulation.ends import twist_angles
 from dlo_sim.simulation.geometry import known_holder
 from dlo_sim.simulation.play import stretch
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report
+from dlo_sim.simulation.running import Running
 from dlo_sim.simulation.soundness import judged
 from dlo_sim.simulation.stepper import Along
 
@@ -26,47 +26,47 @@ UNEVEN = 4.0  # ratio of neighbouring intervals from which the slope is that of 
 
 
 def record_along(
-    core: Core, times: ArrayLike, poses: Mapping[str, ArrayLike], samples: ArrayLike
+    sim: Running, times: ArrayLike, poses: Mapping[str, ArrayLike], samples: ArrayLike
 ) -> tuple[Report, Recorder]:
     """`Simulator.follow`, but returns the recorder of the samples, which has their energies too."""
-    if core.choice.method.family != IMPLICIT:
+    if sim.choice.method.family != IMPLICIT:
         raise ValueError(
-            f"integrator.method: {core.choice.method.name} follows no poses; give energy_momentum"
+            f"integrator.method: {sim.choice.method.name} follows no poses; give energy_momentum"
         )
     if not isinstance(poses, Mapping):
         raise TypeError(f"poses: needs {{'start': numbers (T, 7)}}, got {arguments.given(poses)}")
-    for name in core.scene.holders:
-        waiting = core.ends.queue.of(name)
+    for name in sim.scene.holders:
+        waiting = sim.ends.queue.of(name)
         if waiting and name not in poses:
             raise ValueError(
                 f"poses: none of {name}, whose next motion begins at {waiting[0].start:g} s, "
                 "while poses can only be followed beside motions that have begun; give poses "
                 f"of {name} too, or follow them after that time"
             )
-    stamps, grid = checked_times(times, core.steps, core.step)
-    wanted = checked_samples(samples, core.time, stamps[-1])
-    away = np.append(core.origin, np.zeros(4))
+    stamps, grid = checked_times(times, sim.steps, sim.step)
+    wanted = checked_samples(samples, sim.time, stamps[-1])
+    away = np.append(sim.origin, np.zeros(4))
     rows = {
-        name: checked_path(core, name, given, len(stamps)) - away for name, given in poses.items()
+        name: checked_path(sim, name, given, len(stamps)) - away for name, given in poses.items()
     }
     paths = {name: on_grid(grid, stamps, given) for name, given in rows.items()}
     for name, path in paths.items():
-        core.move_along(name, path)
+        sim.move_along(name, path)
     for name, path in paths.items():
-        core.put_end(name, path[0, :3], path[0, 3:])
-    cable = core.cable
-    recorder = Recorder(core.model, wanted)
+        sim.put_end(name, path[0, :3], path[0, 3:])
+    cable = sim.cable
+    recorder = Recorder(sim.model, wanted)
     motions = np.repeat(cable.motion[None], len(grid) - 1, axis=0)
     for name, path in paths.items():
-        row = list(core.scene.holders).index(name)
+        row = list(sim.scene.holders).index(name)
         motions[:, row] = motions_along(cable.motion[row], grid, path)
-    along = Along(motions, *core.natural.turns_along(motions))
-    report = stretch(core, len(motions), recorder, along)
-    core.ends.restored()
+    along = Along(motions, *sim.natural.turns_along(motions))
+    report = stretch(sim, len(motions), recorder, along)
+    sim.ends.restored()
     return judged(report, recorder), recorder
 
 
-def checked_path(core: Core, name: str, given: ArrayLike, count: int) -> Array:
+def checked_path(sim: Running, name: str, given: ArrayLike, count: int) -> Array:
     """Check poses (count, 7), or pairs of points (count, 2, 3), of an end effector.
 
     Returns:
@@ -75,8 +75,8 @@ def checked_path(core: Core, name: str, given: ArrayLike, count: int) -> Array:
     Raises:
         TypeError, ValueError: no such end effector, or not such poses.
     """
-    orientation = core.end_pose(known_holder(core.scene, name))[1]
-    return checked_poses(name, given, count, orientation, core.geometries[name].tangent)
+    orientation = sim.end_pose(known_holder(sim.scene, name))[1]
+    return checked_poses(name, given, count, orientation, sim.geometries[name].tangent)
 
 
 def checked_poses(name: str, given: ArrayLike, count: int, before: Array, tangent: Array) -> Array:

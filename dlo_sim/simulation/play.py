@@ -14,9 +14,9 @@ from typing import Protocol
 from dlo_sim.core import bspline
 from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.simulation import remarks
-from dlo_sim.simulation.core import Core
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import WRONG, Report, Status, explained, newton_note
+from dlo_sim.simulation.running import Running
 from dlo_sim.simulation.soundness import sound_now
 from dlo_sim.simulation.stepper import CHUNK, Along
 
@@ -82,7 +82,7 @@ def play(
 
 
 def stretch(
-    sim: Core, steps: int, recorder: Recorder | None = None, along: Along | None = None
+    sim: Running, steps: int, recorder: Recorder | None = None, along: Along | None = None
 ) -> Report:
     """Advance by whole steps between two stops of `play`. On failure the last good state is kept.
 

@@ -20,11 +20,11 @@ from dlo_sim.simulation.buckling import (
     side_note,
 )
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.core import Core
 from dlo_sim.simulation.drawn_obstacles import drawn_obstacles
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import balance_warning
 from dlo_sim.simulation.resolution import Shortfall, raised, shortfalls
+from dlo_sim.simulation.running import Running
 
 Array = NDArray[np.float64]
 NOTABLE = 1e4  # energy exchanged, in floors of the account: as of a motion by 1e-4 lengths a second
@@ -33,7 +33,7 @@ NOTABLE = 1e4  # energy exchanged, in floors of the account: as of a motion by 1
 # -- looks during a run -----------------------------------------------------------------------
 
 
-def steps_until_look(sim: Core, steps: int) -> int:
+def steps_until_look(sim: Running, steps: int) -> int:
     """At most `steps`, and none beyond the next look at a cable on a line or in a plane. One
     that is far from it will not be exactly there so soon.
     """
@@ -44,7 +44,7 @@ def steps_until_look(sim: Core, steps: int) -> int:
     return min(steps, every - sim.steps % every) if every else steps
 
 
-def look_for_buckling(sim: Core) -> None:
+def look_for_buckling(sim: Running) -> None:
     """Look at a cable on a line or in a plane, where it is time to, and push it off."""
     every = sim.stepper.look_every
     if sim.steps % every == 0:
@@ -57,14 +57,14 @@ def look_for_buckling(sim: Core) -> None:
                 sim.noticed.fell = sim.time, across
 
 
-def look_at_itself(sim: Core) -> None:
+def look_at_itself(sim: Running) -> None:
     """Look whether the cable passes through itself, where it does not touch itself."""
     if "self_contact" not in sim.needs:
         x = sim.cable.x[: len(sim.model.axes)]
         sim.noticed.watch.look(sim.model, x, sim.scene.cable.diameter, sim.time)
 
 
-def look_back(sim: Core, recorder: Recorder, times: Array) -> dict[str, Array]:
+def look_back(sim: Running, recorder: Recorder, times: Array) -> dict[str, Array]:
     """What `drawn_obstacles` says of a recorded run, whose samples are at these times [s]. Its
     bends, and whether it passed through itself, are kept for `warnings`.
     """
@@ -76,14 +76,14 @@ def look_back(sim: Core, recorder: Recorder, times: Array) -> dict[str, Array]:
     return drawn_obstacles(sim.scene, sim.cable, recorder, keep)
 
 
-def look_at_start(sim: Core) -> None:
+def look_at_start(sim: Running) -> None:
     """Note the directions in which the first shape leaves what mirrors it."""
     across = np.diag(mirrors(sim.scene))
     if side_note(sim.cable, sim.scene, 0.0, across):
         sim.noticed.fell = 0.0, across
 
 
-def _keep_bends(sim: Core, cable: Cable, found: Mapping[str, obstacles.Contact]) -> None:
+def _keep_bends(sim: Running, cable: Cable, found: Mapping[str, obstacles.Contact]) -> None:
     """Keep the bends that knot spans cannot follow at one state of a recorded run; found: what
     touches there.
     """
@@ -93,7 +93,7 @@ def _keep_bends(sim: Core, cable: Cable, found: Mapping[str, obstacles.Contact])
 # -- lines ------------------------------------------------------------------------------------
 
 
-def warnings(sim: Core, found: Mapping[str, obstacles.Contact]) -> tuple[str, ...]:
+def warnings(sim: Running, found: Mapping[str, obstacles.Contact]) -> tuple[str, ...]:
     """`Simulator.warnings` with what touches now."""
     scene, cable = sim.scene, sim.cable
     itself = found.get(obstacles.ITSELF)
@@ -119,7 +119,7 @@ def warnings(sim: Core, found: Mapping[str, obstacles.Contact]) -> tuple[str, ..
     return (*sim.needs.warnings, *filter(None, lines))
 
 
-def notes(sim: Core) -> tuple[str, ...]:
+def notes(sim: Running) -> tuple[str, ...]:
     """`Simulator.notes` beside the warnings."""
     torsion = sim.undefined_torsion
     flat = "" if sim.noticed.unstable_first else unstable_in_plane(sim)
@@ -127,13 +127,13 @@ def notes(sim: Core) -> tuple[str, ...]:
     return tuple(filter(None, more))
 
 
-def points_needed(sim: Core, found: Mapping[str, obstacles.Contact]) -> int:
+def points_needed(sim: Running, found: Mapping[str, obstacles.Contact]) -> int:
     """`Simulator.control_points_needed` with what touches now."""
     bends = _bends_with(sim, sim.cable, found)
     return max((one.needed for one in bends.values()), default=0)
 
 
-def open_balance(sim: Core) -> str:
+def open_balance(sim: Running) -> str:
     """One line if the energy balance is open by more than the method may leave, else empty."""
     account, method = sim.cable.account, sim.choice.method
     if account.exchanged <= NOTABLE * account.floor:
@@ -141,12 +141,12 @@ def open_balance(sim: Core) -> str:
     return balance_warning(method, sim.scene.integrator.tolerance, sim.energy_error)
 
 
-def side_taken(sim: Core) -> str:
+def side_taken(sim: Running) -> str:
     """One line if the cable has left a line or plane to a side that the scene leaves open."""
     return side_note(sim.cable, sim.scene, *sim.noticed.fell) if sim.noticed.fell else ""
 
 
-def unstable_in_plane(sim: Core) -> str:
+def unstable_in_plane(sim: Running) -> str:
     """`plane_warning` of a copy in space, which takes 50 ms; empty if the cable is there
     anyway.
     """
@@ -159,7 +159,7 @@ def unstable_in_plane(sim: Core) -> str:
 
 
 def _bends_with(
-    sim: Core, cable: Cable, found: Mapping[str, obstacles.Contact]
+    sim: Running, cable: Cable, found: Mapping[str, obstacles.Contact]
 ) -> dict[str, Shortfall]:
     """Bends that the knot spans cannot follow where contacts are known, and those kept."""
     now = shortfalls(sim.scene, cable.model, cable.points, found)

@@ -28,7 +28,6 @@ from dlo_sim.scene.needs import (
 )
 from dlo_sim.simulation import following, obstacles, remarks, self_contact
 from dlo_sim.simulation.bodies import write
-from dlo_sim.simulation.core import Core, Snapshot
 from dlo_sim.simulation.ends import NEAR, apart
 from dlo_sim.simulation.forecast import (
     EVERY,
@@ -50,6 +49,7 @@ from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Slide
 from dlo_sim.simulation.resolution import continued, resolved
+from dlo_sim.simulation.running import Running, Snapshot
 from dlo_sim.simulation.selection import check_named_method, choose, is_implicit
 from dlo_sim.simulation.soundness import sound_now
 from dlo_sim.simulation.start_from_points import cable_through
@@ -61,7 +61,7 @@ Array = NDArray[np.float64]
 LIGHT = 20.0  # weights of the cable that an obstacle in which it begins may press it with
 
 
-class Simulator(Core):
+class Simulator(Running):
     """A cable of one scene that is stepped, loaded, moved by its ends, and observed.
 
     Attributes:

@@ -7,8 +7,8 @@ import pytest
 from cables import SOFT, simulator
 
 from dlo_sim import EndMotion, Simulator
-from dlo_sim.simulation.core import Core
 from dlo_sim.simulation.recorder import Recorder
+from dlo_sim.simulation.running import Running
 
 NAN, INF = float("nan"), float("inf")
 EMPTY, NEGATIVE, HUGE = {}, -1.5, 1e300
@@ -154,13 +154,13 @@ def test_wrong_arguments_are_refused_without_a_trace(method, moving):
 
 
 def test_no_method_is_left_out():
-    """`Core` has more, which only rooms of the package call."""
+    """`Running` has more, which only rooms of the package call."""
     methods = {name for name, one in vars(Simulator).items() if callable(one)}
     methods |= {name for name, one in vars(Simulator).items() if isinstance(one, classmethod)}
     public = {name for name in methods if not name.startswith("_")} | {"__init__"}
     known = set(CALLS) | WITHOUT_ARGUMENTS | CHECKED_BEFORE
     assert public <= known
-    assert known - public == {name for name in known if hasattr(Core, name)} - {"__init__"}
+    assert known - public == {name for name in known if hasattr(Running, name)} - {"__init__"}
 
 
 def test_arrays_that_compiled_functions_write_are_of_the_model(moving):

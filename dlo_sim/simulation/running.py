@@ -83,7 +83,7 @@ class Noticed:
         self.watch = self_contact.Watch()
 
 
-class Core:
+class Running:
     """A cable of one scene with its ends, natural shape, motions and steps.
 
     Args:
