@@ -26,6 +26,7 @@ from dlo_sim.engine.arrays import (
     Work,
 )
 from dlo_sim.engine.frames import control_points
+from dlo_sim.engine.grasps import ACTIVE, POSITION, START
 from dlo_sim.engine.natural_curvature import follow_to_present
 from dlo_sim.engine.plasticity import flow_to_present
 from dlo_sim.methods import between_steps
@@ -86,25 +87,33 @@ class Cable:
         self.account.load_work += before.account.pending
         self._forget_history()
 
-    def take_contact(self, other: Cable, by_name: bool = False) -> None:
-        """Go on with how deep obstacles have pressed another cable, and with the friction that
-        holds it on them if its control points have the same knots.
+    def take_contact(self, other: Cable, time: float | None = None) -> None:
+        """Go on with the motions of the obstacles of another cable, with how deep they have pressed
+        it, and with the friction that holds it on them if its control points have the same knots.
 
         Args:
-            by_name: of another scene, where obstacles of the same names may be stiffer, and yield
-                anew; default: of equal obstacles, with their motions, and with what has yielded.
+            time: of another cable [s], 0 here: obstacles of the same names may be stiffer, and
+                yield anew; default: the cable before its model changed, which has yielded to the
+                obstacles that are still the same.
         """
         state, group, theirs = self.arrays.state, self.arrays.contact, other.arrays
+        anew = time is not None
+        known = {one.name if anew else one: k for k, one in enumerate(other.model.obstacles)}
         pieces = [(one.pieces, one.guide_pieces) for one in (theirs.contact, group)]
-        known = {one.name if by_name else one: k for k, one in enumerate(other.model.obstacles)}
-        names = ["bristle", "slides", *["yielded"] * (not by_name)]
-        if by_name and self.model.axes == other.model.axes:
+        names = ["bristle", "slides", *["yielded"] * (not anew)]
+        if anew and self.model.axes == other.model.axes:
             names.append("stopped")
         same = np.array_equal(self.model.knots, other.model.knots)
         for k, obstacle in zip(range(len(self.obstacles)), self.model.obstacles, strict=False):
-            number = known.get(obstacle.name if by_name else obstacle, len(other.obstacles))
+            number = known.get(obstacle.name if anew else obstacle, len(other.obstacles))
             if number >= len(other.obstacles):
                 continue
+            row = other.obstacles[number].copy()
+            if time is not None:
+                row[START] -= time
+                row[POSITION : POSITION + 3] += other.model.origin - self.model.origin
+            if not anew or row[ACTIVE]:
+                self.obstacles[k] = row
             state.deepest[k] = theirs.state.deepest[number]
             for name in names * same:
                 values = np.asarray(getattr(theirs.state, name))[number]
@@ -114,9 +123,10 @@ class Cable:
             rubs = laws[1][contact.FRICTION] > 0.0
             ratio = laws[0][contact.BRISTLE] / laws[1][contact.BRISTLE] if rubs else 0.0
             np.asarray(state.bristle)[k] *= ratio
-            if not by_name:
-                self.obstacles[k] = other.obstacles[number]
+            if not anew:
                 self.account.yields = 1.0  # until a step has looked
+        if anew:
+            self.place_obstacles(0.0)
 
     def _set_pairs(self, pairs: Array, axes: Sequence[int]) -> None:
         """Set the pairs of segments and the bristles between them, which are by these axes."""

@@ -37,13 +37,12 @@ def take_over(sim: Running, other: Running) -> None:
         at = sim.geometries[name].u
         if at is not None and holder.holds_roll and not other.scene.holders[name].holds_roll:
             sim.ends.count_from(name, 0.0, sim.curve.twist_at(at, points))
-    obstacles.take_over(sim.cable, other.cable, other.time)
+    sim.cable.take_contact(other.cable, other.time)
     sim.ends.pull_springs(sim.cable, sim.time)
     sim.ends.put(points, 0.0)
     sim.cable.point_grasps(0.0)
     sim.cable.put(points, rates, 0.0)
     sim.cable.take_over_samples(other.cable)
-    sim.cable.take_contact(other.cable, by_name=True)
     if sim.natural.follows and not sim.natural.equals(other.natural):
         sim.lay_natural_shape()
     sim.cable.flow()
@@ -55,7 +54,7 @@ def take_over(sim: Running, other: Running) -> None:
     sim.give_way(kept, obstacles.Overlap.CHANGED)
     sim.give_way(dict.fromkeys(names - kept.keys(), obstacles.UNTOUCHED))
     now, before = (
-        {one.u for one in sim.held_now.values() if one.u is not None} for sim in (sim, other)
+        {one.u for one in each.held_now.values() if one.u is not None} for each in (sim, other)
     )
     sim.cable.open_account(sim.scene, other.cable, sorted(before - now))
     sim.initial = sim.snapshot()

@@ -26,7 +26,7 @@ from dlo_sim.engine.arrays import (
     CableArrays,
 )
 from dlo_sim.engine.arrays import Contact as ContactArrays
-from dlo_sim.engine.grasps import ACTIVE, FRAME, POSITION, START
+from dlo_sim.engine.grasps import FRAME, POSITION
 from dlo_sim.scene.description import EARTH, Obstacle, Scene
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.arrays import COARSE, to_blocks
@@ -269,20 +269,6 @@ def at_rest(scene: Scene, origin: Array) -> Array:
         turned = rotations.normalized(np.array(obstacle.orientation))
         row[FRAME : FRAME + 9] = rotations.to_matrix(turned).ravel()
     return rows
-
-
-def take_over(cable: Cable, other: Cable, time: float) -> None:
-    """Continue the motions of the obstacles of another cable, whose time [s] is 0 here."""
-    way = other.model.origin - cable.model.origin
-    names = [one.name for one in other.model.obstacles]
-    theirs = dict(zip(names, other.obstacles, strict=False))
-    for obstacle, row in zip(cable.model.obstacles, cable.obstacles, strict=False):
-        before = theirs.get(obstacle.name)
-        if before is not None and before[ACTIVE]:
-            row[:] = before
-            row[START] -= time
-            row[POSITION : POSITION + 3] += way
-    cable.place_obstacles(0.0)
 
 
 def leaves_plane(motion: EndMotion, axes: tuple[int, ...]) -> bool:
