@@ -228,7 +228,7 @@ class EndDrive:
         """Follow a motion from time t on; twist angle: the present one plus `twist` [rad].
         Motions that wait are dropped.
         """
-        self.queue.drop(end)
+        self.queue.by_name.pop(end, None)
         row = self.motion[self._rows[end]]
         row[TWIST] = self.place_at(end, min(motion.start, t))[3] + twist
         self._write(end, motion)

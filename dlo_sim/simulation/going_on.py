@@ -27,7 +27,12 @@ def take_over(sim: Running, other: Running) -> None:
     way = other.origin - sim.origin
     points, rates = sim.cable.shape_of(other.cable, other.time)
     here = {*sim.scene.holders, *(one.name for one in sim.scene.bodies)}
-    sim.ends.queue.take_over(other.ends.queue.by_name, here, other.time, way)
+    waiting = other.ends.queue.by_name
+    sim.ends.queue.by_name = {
+        name: tuple(motion.later(-other.time).moved(way) for motion in waiting[name])
+        for name in waiting
+        if name in here
+    }
     sim.ends.take_over(other.ends, other.time, other.cable.frame_turn, way)
     for name in sim.scene.holders:
         if sim.ends.state_of(name)[0][ACTIVE]:

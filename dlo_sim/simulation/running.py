@@ -191,13 +191,13 @@ class Running:
         tangent: ArrayLike | None = None,
     ) -> None:
         """`set_end` to a position in the cable's coordinates."""
-        before, waiting = self.ends.state_of(end), self.ends.queue.by_name
+        before, waiting = self.ends.state_of(end), self.ends.queue.of(end)
         self.ends.place(end, self.time, position, orientation, tangent)
         try:
             self.move_along(end, self.ends.state_of(end)[1])
         except ValueError:
             self.ends.set_state(end, before)
-            self.ends.queue.replace(waiting)
+            self.ends.queue.by_name |= {end: waiting} if waiting else {}
             raise
         self.turn_natural_shape()
         if self.choice.method.family != IMPLICIT:  # implicit steps account for the jump exactly
@@ -222,7 +222,7 @@ class Running:
     def steps_of_motions(self) -> int:
         """Number of steps for which end effectors and obstacles keep to their present motions."""
         queue = self.ends.queue
-        if not queue:
+        if not queue.by_name:
             return CHUNK
         steps = queue.steps_until_begin(self.time, self.step)
         if steps == 0:
@@ -231,7 +231,7 @@ class Running:
 
     def begin_motions(self) -> None:
         """Let motions begin that have waited for the present time."""
-        if self.ends.queue:
+        if self.ends.queue.by_name:
             self.go_on(self.ends.queue.take_due(self.time))
 
     def go_on(self, motions: Mapping[str, EndMotion]) -> None:
@@ -283,7 +283,7 @@ class Running:
             elif self.pushed_across(added):
                 needs = needs.in_plane(scene)
         for one in known ^ set(scene.bodies):
-            self.ends.queue.drop(one.name)
+            self.ends.queue.by_name.pop(one.name, None)
         self.activate(needs, self.geometries)
         new = (one.name for one in set(scene.bodies) - known)
         self.give_way({name: kept.get(name, obstacles.UNTOUCHED) for name in new})
@@ -435,7 +435,7 @@ class Running:
             self.geometries,
             self.origin,
             self.step,
-            self.ends.queue.by_name,
+            dict(self.ends.queue.by_name),
             dict(self.noticed.overlaps),
         )
 
@@ -460,7 +460,7 @@ class Running:
         if self.noticed.fell and self.noticed.fell[0] > self.time:
             self.noticed.fell = None
         self.ends.restored()
-        self.ends.queue.replace(snapshot.waiting)
+        self.ends.queue.by_name = dict(snapshot.waiting)
         self.noticed.overlaps = dict(snapshot.overlaps)
         if snapshot.step != self.step:  # of explicit steps, chosen in another shape
             self.choice = replace(self.choice, step=snapshot.step)

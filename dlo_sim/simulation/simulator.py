@@ -472,7 +472,7 @@ class Simulator(Running):
         row[ACTIVE] = 1.0
         moves = bool(row[START] + row[DURATION] > self.time)
         if not self.ends.queue.keep(name, self.time, motion, moves):
-            self.ends.queue.drop(name)
+            self.ends.queue.by_name.pop(name, None)
             write(row, motion)
 
     def add_obstacles(self, added: Iterable[Obstacle]) -> None:

@@ -67,41 +67,19 @@ def recorded(
 
 
 class WaitingMotions:
-    """Motions that have not begun, by the name of what they move."""
+    """Motions that have not begun.
+
+    Attributes:
+        by_name: end effector or obstacle -> its motions that have not begun, in their order; its
+            entries are replaced, never changed.
+    """
 
     def __init__(self) -> None:
-        self._next: dict[str, tuple[EndMotion, ...]] = {}
-
-    def __bool__(self) -> bool:
-        """Whether any waits."""
-        return bool(self._next)
-
-    @property
-    def by_name(self) -> Waiting:
-        """A copy of all of them."""
-        return dict(self._next)
+        self.by_name: dict[str, tuple[EndMotion, ...]] = {}
 
     def of(self, name: str) -> tuple[EndMotion, ...]:
         """Those of one name, in their order."""
-        return self._next.get(name, ())
-
-    def replace(self, waiting: Waiting) -> None:
-        """Let these wait instead."""
-        self._next = dict(waiting)
-
-    def take_over(self, waiting: Waiting, names: set[str], t: float, way: Array) -> None:
-        """Let those of another simulator with these names wait, whose time t [s] is 0 here, moved
-        by a vector (3,) [m].
-        """
-        self._next = {
-            name: tuple(motion.later(-t).moved(way) for motion in waiting[name])
-            for name in waiting
-            if name in names
-        }
-
-    def drop(self, name: str) -> None:
-        """Drop those of a name."""
-        self._next.pop(name, None)
+        return self.by_name.get(name, ())
 
     def keep(self, name: str, t: float, motion: EndMotion, moves: bool) -> bool:
         """Keep a motion until its start, if until then something else moves at time t (`moves`) or
@@ -113,26 +91,26 @@ class WaitingMotions:
         if rests or motion.start <= t + _rounding(motion.start):
             return False
         earlier = (one for one in self.of(name) if one.start < motion.start)
-        self._next[name] = (*earlier, motion)
+        self.by_name[name] = (*earlier, motion)
         return True
 
     def take_due(self, t: float) -> dict[str, EndMotion]:
         """Those that start up to time t, the last one of each name; they wait no more."""
         due = {}
-        for name, motions in list(self._next.items()):
+        for name, motions in list(self.by_name.items()):
             begun = [one for one in motions if one.start <= t + _rounding(t)]
             if begun:
                 due[name] = begun[-1]
-                self._next[name] = motions[len(begun) :]
-                if not self._next[name]:
-                    del self._next[name]
+                self.by_name[name] = motions[len(begun) :]
+                if not self.by_name[name]:
+                    del self.by_name[name]
         return due
 
     def steps_until_begin(self, t: float, step: float) -> int:
         """Number of whole steps [s] from time t until one begins; 0 if it does within the next
         step. One has to wait.
         """
-        first = min(motions[0].start for motions in self._next.values())
+        first = min(motions[0].start for motions in self.by_name.values())
         return int((first - t + _rounding(t)) / step)
 
     def leading(
@@ -143,7 +121,7 @@ class WaitingMotions:
         there.
         """
         until, found = t + step, {}
-        for name, motions in self._next.items():
+        for name, motions in self.by_name.items():
             begun = [one for one in motions if one.start < until - _rounding(until)]
             if not begun:
                 continue
