@@ -13,12 +13,7 @@ from numpy.typing import NDArray
 from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.scene.needs import mirrors, needs_of
 from dlo_sim.simulation import obstacles, self_contact
-from dlo_sim.simulation.buckling import (
-    look_due,
-    plane_warning,
-    release,
-    side_note,
-)
+from dlo_sim.simulation.buckling import look_due, plane_warning, release, side_note
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.drawn_obstacles import drawn_obstacles
 from dlo_sim.simulation.recorder import Recorder

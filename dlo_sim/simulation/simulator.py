@@ -21,28 +21,13 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.strain import strain
 from dlo_sim.engine.grasps import ACTIVE, DURATION, START
 from dlo_sim.scene.description import EARTH, Obstacle, Scene, check_added
-from dlo_sim.scene.needs import (
-    check_terms,
-    needs_of,
-    with_load,
-)
+from dlo_sim.scene.needs import check_terms, needs_of, with_load
 from dlo_sim.simulation import following, obstacles, remarks, self_contact
 from dlo_sim.simulation.bodies import write
 from dlo_sim.simulation.ends import NEAR, apart
-from dlo_sim.simulation.forecast import (
-    EVERY,
-    Forecast,
-    Plan,
-    checked_times,
-    shape_times,
-)
+from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, checked_times, shape_times
 from dlo_sim.simulation.frequency import largest_frequency
-from dlo_sim.simulation.geometry import (
-    Pose,
-    geometries_of,
-    known_holder,
-    moved,
-)
+from dlo_sim.simulation.geometry import Pose, geometries_of, known_holder, moved
 from dlo_sim.simulation.going_on import load_ahead, take_over
 from dlo_sim.simulation.play import stretch
 from dlo_sim.simulation.reaction import reaction
