@@ -93,7 +93,6 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
     model = Model(
         arrays,
-        sizes,
         np.concatenate([model.knots for model in models]),
         Quadrature(
             _with_voids([model.rule.xi for model in models]),

@@ -188,9 +188,7 @@ class Group:
 
     Args:
         sizes: of the named dimensions. memory: where the arrays of real numbers are to lie, as many
-            numbers as `room` says of `most`; default: allocated. most: largest sizes for which this
-            memory has room, default `sizes`; where an array begins depends on these only. given:
-            groups that are not to be made.
+            numbers as `room` says; default: allocated. given: groups that are not to be made.
     """
 
     fields: ClassVar[dict[str, Field]] = {}
@@ -208,15 +206,13 @@ class Group:
         self,
         sizes: Mapping[str, int],
         memory: Array | None = None,
-        most: Mapping[str, int] | None = None,
         **given: Group | None,
     ) -> None:
         self.sizes = dict(sizes)
-        most = sizes if most is None else most
         for name, group in self.groups.items():
             setattr(self, name, given[name] if name in given else group(sizes))
-        memory = aligned_zeros(self.room(most)) if memory is None else memory
-        places, _ = self._layout(tuple(most.items()))
+        memory = aligned_zeros(self.room(sizes)) if memory is None else memory
+        places, _ = self._layout(tuple(sizes.items()))
         for name, field in self.fields.items():
             if isinstance(field, (Number, Whole)):
                 setattr(self, name, sizes.get(name, 0))

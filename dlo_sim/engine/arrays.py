@@ -255,8 +255,6 @@ class State(Group):
     moved = Reals("rigid")  # prescribed displacement since then
     reaction = Reals("rigid")  # mean force over the last step
     reaction_before = Reals("rigid")  # over the step before
-    # Strains of a step that the tangent takes, mean and linear part, predicted to first order.
-    tension = Lanes("blocks", 2)
     tension = Lanes("blocks", "samples")  # over EA, as last predicted (`engine.tension`)
     anchor = Reals("springs")  # target of each spring
     anchor_counted = Reals("springs")  # targets up to which the account has the work

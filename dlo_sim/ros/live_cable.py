@@ -39,7 +39,7 @@ from dlo_sim.session.topics import (
     plan_topics,
     possible_outputs,
 )
-from dlo_sim.simulation.simulator import Snapshot
+from dlo_sim.simulation.running import Snapshot
 
 _LONGEST_WAIT = 50_000_000  # [ns] for a phase
 _STEP_AHEAD = Duration(seconds=1)  # of the clock: the first /clock, a bag that seeks

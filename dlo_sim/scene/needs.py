@@ -61,27 +61,24 @@ class Needs:
         """These needs with prescribed motion of ends or grasps."""
         return self._with("drive")
 
-    def with_twist(self, scene: Scene) -> Needs:
-        """These needs once something twists the cable; a warning if it can have no twist."""
-        if "twist" in self:
-            return self
-        if self.twist_model == "off":
-            line = _warning_of_twist(scene)
-            return self._with_warning(line) if line else self
-        needs = self._with("twist", *_VARIANTS.get(self.twist_model, ()))
-        return needs.spatial(scene) if "bishop" in needs else needs
+    def in_plane(self, scene: Scene) -> Needs:
+        """These needs once something acts out of their plane, which `terms.out_of_plane: off` drops
+        with a warning.
 
-    def spatial(self, scene: Scene) -> Needs:
-        """These needs once something acts out of their plane: all three dimensions, with twist
-        where the roll is held against it, but `terms.out_of_plane: off` keeps the plane and warns.
+        Raises:
+            ValueError: the scene left the plane open.
         """
-        if len(self.axes) == 3:
-            return self
         if scene.terms.out_of_plane == "off":
             return self._with_warning(_warning_of_plane(self.axes))
-        needs = self._with("out_of_plane", axes=_SPACE)
-        twists = scene.terms.twist == "auto" and twists_in_space(scene)
-        return needs.with_twist(scene) if twists else needs
+        raise ValueError(
+            f"terms.out_of_plane: auto keeps a cable that hangs taut in {_plane(self.axes)}, and "
+            "this leads out of it; set it to on"
+        )
+
+    def twisted(self, scene: Scene) -> Needs:
+        """These needs once something twists the cable, which one without twist only warns of."""
+        line = "" if "twist" in self else _warning_of_twist(scene)
+        return self._with_warning(line) if line else self
 
     def _with(self, *names: str, **changes: Any) -> Needs:
         """These needs with more terms, or with a reason less to leave one out."""
@@ -112,9 +109,13 @@ def _ordered(present: set[str]) -> tuple[str, ...]:
     return tuple(name for name in NAMES if name in present)
 
 
-def needs_of(scene: Scene) -> Needs:
-    """Decide for every term whether a scene needs it."""
-    axes, leaves = _axes(scene)
+def needs_of(scene: Scene, continues: bool = False) -> Needs:
+    """Decide for every term whether a scene needs it, also for what may come while it runs.
+
+    Args:
+        continues: the cable goes on from another shape than that in which the scene begins.
+    """
+    axes, leaves = _axes(scene, continues)
     model = _twist_model(scene)
     reasons: dict[str, str] = {}
     warnings: list[str] = []
@@ -263,11 +264,13 @@ def _warning_of_twist(scene: Scene) -> str:
 
 
 def _twists(scene: Scene, axes: tuple[int, ...]) -> bool:
-    """Whether a scene needs twist from the start; later twist comes with `Needs.with_twist`."""
-    moment = len(axes) == 3 and any(any(load.torque) for load in scene.loads)
-    if scene.terms.twist == "off":  # in a plane a moment only bends the cable
+    """Whether anything twists the cable, or may while it runs; what may is no warning."""
+    in_space = len(axes) == 3  # in a plane a moment only bends the cable
+    moment = in_space and any(any(load.torque) for load in scene.loads)
+    if scene.terms.twist == "off":
         return scene.is_rolled or moment
-    return moment or (len(axes) == 3 and twists_in_space(scene))
+    comes = in_space and _twist_model(scene) != "off" and _moments_may_come(scene)
+    return moment or comes or (in_space and twists_in_space(scene))
 
 
 def twists_in_space(scene: Scene) -> bool:
@@ -281,32 +284,29 @@ def twists_in_space(scene: Scene) -> bool:
     return held > 1 or sprung or (held == 1 and bent) or any(scene.cable.rest_twist)
 
 
-def needs_of_load(needs: Needs, scene: Scene, force: Vector | None, torque: Vector | None) -> Needs:
-    """Needs once a load has this force [N] and moment [N m]."""
-    normals = [axis for axis in range(3) if axis not in needs.axes]
-    for normal in normals:
-        across = torque is not None and any(torque[axis] for axis in needs.axes)
-        if across or (force is not None and force[normal]):
-            needs = needs.spatial(scene)
-    if torque is not None and any(torque) and len(needs.axes) == 3:
-        needs = needs.with_twist(scene)
-    return needs
+def with_load(
+    needs: Needs, scene: Scene, name: str, force: Vector | None, torque: Vector | None
+) -> Needs:
+    """Needs once a load has this force [N] and moment [N m].
 
-
-def needs_of_end(needs: Needs, scene: Scene, *, leaves_plane: bool, twists: bool) -> Needs:
-    """Needs once an end or grasp moves, out of the plane or with a twist if so flagged.
-
-    A cable that is moved in its plane may become unstable across it.
+    Raises:
+        ValueError: a moment would twist a cable in whose scene none was to come.
     """
-    needs = needs.with_drive()
-    if leaves_plane or scene.terms.out_of_plane != "off":
-        needs = needs.spatial(scene)
-    # Where nothing holds the cable against it, a gripper that turns it does not twist it.
-    always = needs.twist_model == "frenet" or scene.terms.twist == "off"
-    return needs.with_twist(scene) if twists and (always or twists_in_space(scene)) else needs
+    push, turn = (np.zeros(3) if one is None else one for one in (force, torque))
+    for normal in (axis for axis in _SPACE if axis not in needs.axes):
+        if push[normal] or any(turn[list(needs.axes)]):
+            needs = needs.in_plane(scene)
+    if not any(turn) or len(needs.axes) == 2 or "twist" in needs:
+        return needs
+    if needs.twist_model == "off":
+        return needs.twisted(scene)
+    raise ValueError(
+        f"torque of {name}: would twist the cable, but loads.{name} is a force, or has a signal "
+        f"without torque; set loads.{name}.type to wrench, without a signal or with a torque in it"
+    )
 
 
-def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
+def _axes(scene: Scene, continues: bool) -> tuple[tuple[int, ...], bool]:
     """All three axes, or the two of a plane; and whether anything can act out of that plane.
 
     A shape in a plane may be unstable across it, at once or while it moves, wherever a part of the
@@ -325,7 +325,7 @@ def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
         or scene.contact.markers > 0
         or not (scene.start.held or scene.end.held)
     )
-    if in_space or (switch == "auto" and not _hangs_taut(scene)):
+    if in_space or (switch == "auto" and (continues or not _hangs_taut(scene))):
         return _SPACE, False
     leaving = {normal: _forces_leave(scene, normal) for normal in (1, 0, 2)}
     planes = [normal for normal in leaving if not _ends_leave(scene, normal)]
@@ -377,6 +377,6 @@ def _plane(axes: tuple[int, ...]) -> str:
     return f"the {''.join('xyz'[axis] for axis in axes)} plane"
 
 
-def moments_may_come(scene: Scene) -> bool:
+def _moments_may_come(scene: Scene) -> bool:
     """Whether a load may become a moment while the cable is simulated."""
     return any(load.type == "wrench" and load.signal == "none" for load in scene.loads)

@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from dlo_sim.simulation.error_estimate import ErrorEstimate
     from dlo_sim.simulation.geometry import Pose
     from dlo_sim.simulation.report import Report
-    from dlo_sim.simulation.simulator import Simulator, Snapshot
+    from dlo_sim.simulation.running import Snapshot
+    from dlo_sim.simulation.simulator import Simulator
 
 _ZERO = (0.0, 0.0, 0.0)
 
@@ -75,7 +76,7 @@ class Drive:
     Attributes:
         scene: what is simulated now; its grasps are taken or not as messages have told.
         simulator: the simulator; placed by `begin`.
-        estimate: steps the simulator together with refined ones; None if errors are not estimated.
+        estimate: of the error of the simulator; None if errors are not estimated.
         unresolved: one line if a shape or the energy of the last advance was no cable's
             (`simulation.soundness`), else "".
         surroundings: obstacles from markers; None if the scene takes none.
@@ -129,11 +130,6 @@ class Drive:
             return self._loads[entry.target]
         assert self.observer is not None
         return self.observer
-
-    @property
-    def _driven(self) -> Simulator | ErrorEstimate:
-        """What is stepped, moved and loaded: the simulator, alone or with its refined runs."""
-        return self.simulator if self.estimate is None else self.estimate
 
     @property
     def now_ns(self) -> int:
@@ -190,8 +186,7 @@ class Drive:
             for name, path in self.paths.items():
                 path.skip_to(origin, *self.simulator.end_pose(name))
         if self.scene.estimates_errors and not self._too_slow:
-            self.estimate = _estimate(self.simulator, None if saved is not None else poses)
-            self.estimate.waits = not self._live
+            self._estimate_by(_estimate(self.simulator, None if saved is not None else poses))
         return saved is not None
 
     def clear(self) -> None:
@@ -200,7 +195,7 @@ class Drive:
             one.clear()
         self.grid = None
         self.unresolved = ""
-        self.estimate = None
+        self._estimate_by(None)
         self._too_slow = False
 
     def advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> Advance:
@@ -218,7 +213,8 @@ class Drive:
             from dlo_sim.simulation.play import play  # imports the compiler
 
             self.unresolved = ""
-            report = play(self._driven, target, timeline=tick, watchers=[tick])
+            watchers = (tick,) if self.estimate is None else (tick, self.estimate)
+            report = play(self.simulator, target, timeline=tick, watchers=watchers)
             failure = "" if report.status.advanced else report.message
             if failure or tick.waiting:
                 return Advance(self.simulator.steps - begin, tick.waiting, failure, tick.slow)
@@ -241,7 +237,7 @@ class Drive:
                 waiting += (name,)
             else:
                 self._segments[name] = segment
-                self._driven.set_motion(name, segment.motion)
+                self.simulator.set_motion(name, segment.motion)
         return waiting
 
     def _apply_inputs(self, grid: StepGrid, target: int) -> int:
@@ -259,7 +255,7 @@ class Drive:
         if self._takes:
             self._take_and_release(self._told(now_ns))
         if self.surroundings is not None:
-            self.surroundings.apply(now_ns, step_ns, self.simulator, self._driven)
+            self.surroundings.apply(now_ns, step_ns, self.simulator)
         for name, schedule in self._loads.items():
             self._apply_loads(name, schedule, now_ns, step_ns)
         stop = target
@@ -283,7 +279,7 @@ class Drive:
         removal_ns = schedule.removal_ns()
         if removal_ns is not None and now_ns >= removal_ns:
             schedule.held = None
-            self._driven.set_load(name, force=_ZERO, torque=_ZERO)
+            self.simulator.set_load(name, force=_ZERO, torque=_ZERO)
             line = f"load {name}: no message for {schedule.timeout:g} s; removed"
             self._note("load_removed", line)
 
@@ -292,7 +288,7 @@ class Drive:
         wrench: Any = load.force, load.torque
         if load.end:
             wrench = rotations.rotate(self.simulator.end_pose(load.end)[1], np.array(wrench))
-        self._driven.set_load(name, *wrench)
+        self.simulator.set_load(name, *wrench)
 
     def _hold_loads(self) -> None:
         """Let the present loads act on a new simulator."""
@@ -321,8 +317,17 @@ class Drive:
         """Stop estimating errors unless accuracy.estimate is on; returns whether it has stopped."""
         if self.estimate is None or self.scene.accuracy.estimate == "on":
             return False
-        self.estimate, self._too_slow = None, True
+        self._estimate_by(None)
+        self._too_slow = True
         return True
+
+    def _estimate_by(self, estimate: ErrorEstimate | None) -> None:
+        """From now on let this estimate follow the simulator."""
+        if self.estimate is not None:
+            self.estimate.end()
+        self.estimate = estimate
+        if estimate is not None:
+            estimate.waits = not self._live
 
     def resume_estimate(self) -> bool:
         """Estimate again from the present state after `spare_estimate`; returns whether it does.
@@ -333,8 +338,7 @@ class Drive:
             return False
         spared, self._too_slow = self._too_slow, False
         if spared:
-            self.estimate = _estimate(self.simulator)
-            self.estimate.waits = not self._live
+            self._estimate_by(_estimate(self.simulator))
             self._hold_loads()
         return spared
 
@@ -373,13 +377,12 @@ class Drive:
         if prepared.simulator is old:
             self._take_and_release(_taken(scene) | told)
             return
-        _, self.simulator, self.estimate = prepared
-        if self.estimate is not None:
-            self.estimate.waits = not self._live
+        self.simulator = prepared.simulator
+        self._estimate_by(prepared.estimate)
         self.scene, self._rebuilt = scene, True
         self._too_slow = self._too_slow and scene.accuracy.estimate != "on"
         if self._too_slow:
-            self.estimate = None
+            self._estimate_by(None)
         if self.observer is not None:
             self.observer.measured = scene.measured
         if self.surroundings is not None:
@@ -422,7 +425,7 @@ class Drive:
         changed = [g.name for g in self.scene.grasps if told.get(g.name, g.taken) != g.taken]
         for name in sorted(changed, key=told.__getitem__):  # release before taking
             try:
-                (self._driven.take if told[name] else self._driven.release)(name)
+                (self.simulator.take if told[name] else self.simulator.release)(name)
             except ValueError as refusal:
                 self._note("not_taken", str(refusal))
             else:
@@ -449,7 +452,7 @@ class Drive:
             last = grid.first_at_or_after(old_grid.time_of(segment.last))
             rest = self.paths[name].replan(segment.motion, old.time, grid, last)
             self._segments[name] = rest
-            self._driven.set_motion(name, rest.motion)
+            self.simulator.set_motion(name, rest.motion)
 
 
 class _Tick:

@@ -29,7 +29,6 @@ from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.waiting import Waiting
 
 if TYPE_CHECKING:
-    from dlo_sim.simulation.error_estimate import ErrorEstimate
     from dlo_sim.simulation.meshes import Field
     from dlo_sim.simulation.simulator import Simulator
 
@@ -191,12 +190,8 @@ class Surroundings(Waiting[Markers]):
         changes = (super().next_change_ns(), self._ready_ns, *self._ends.values())
         return min((change for change in changes if change is not None), default=None)
 
-    def apply(
-        self, now_ns: int, step_ns: float, simulator: Simulator, driven: Simulator | ErrorEstimate
-    ) -> None:
-        """Let the messages up to a time [ns] take effect on a simulator that is at this time, and
-        with it on all of `driven`.
-        """
+    def apply(self, now_ns: int, step_ns: float, simulator: Simulator) -> None:
+        """Let the messages up to a time [ns] take effect on a simulator that is at this time."""
         change = self.next_change_ns()
         if change is None or change > now_ns:
             return
@@ -216,10 +211,10 @@ class Surroundings(Waiting[Markers]):
         if self._ready_ns is None and self._next:
             self._begin(now_ns, now_ns + self._head_start_ns * waited)
             self._take_batch(now_ns)
-        self._replace(before, simulator, driven)
+        self._replace(before, simulator)
         self._make_no_more()
         for name, (obstacle, way_ns) in self._moving.items():
-            self._move(name, obstacle, max(way_ns, step_ns) / SECOND, simulator, driven)
+            self._move(name, obstacle, max(way_ns, step_ns) / SECOND, simulator)
 
     def _take_batch(self, now_ns: int) -> None:
         """Let the batch take effect if it is time and its fields are made."""
@@ -359,13 +354,10 @@ class Surroundings(Waiting[Markers]):
                 self._moving[name] = obstacle, min(stamp_ns - last_ns, round(LONGEST * SECOND))
         self._said[name] = obstacle, stamp_ns
 
-    def _replace(
-        self,
-        before: Mapping[str, Obstacle],
-        simulator: Simulator,
-        driven: Simulator | ErrorEstimate,
-    ) -> None:
-        """Replace the obstacles before by the wanted ones, as far as they can be added."""
+    def _replace(self, before: Mapping[str, Obstacle], simulator: Simulator) -> None:
+        """Replace the obstacles before by those that are said to be there, as far as they can be
+        added.
+        """
         kept = [one for name, one in self._there.items() if before.get(name) == one]
         for name, one in self._there.items():
             if before.get(name) == one:
@@ -386,18 +378,11 @@ class Surroundings(Waiting[Markers]):
         if kept == list(before.values()):
             return
         try:
-            driven.replace_added(tuple(kept))
+            simulator.replace_added(tuple(kept))
         except ValueError as refusal:  # as when the file of a mesh is there no longer
             self._note("not_added", str(refusal))
 
-    def _move(
-        self,
-        name: str,
-        obstacle: Obstacle,
-        duration: float,
-        simulator: Simulator,
-        driven: Simulator | ErrorEstimate,
-    ) -> None:
+    def _move(self, name: str, obstacle: Obstacle, duration: float, simulator: Simulator) -> None:
         """Let an obstacle go to the place of a marker within a time [s], unless it jumps."""
         position, orientation = simulator.end_pose(name)
         first: Quaternion = normalized(tuple(orientation.tolist()))
@@ -415,7 +400,7 @@ class Surroundings(Waiting[Markers]):
         turns = np.array([turn, (0.0, 0.0, 0.0)]) / duration
         begin = simulator.time
         motion = EndMotion.from_coefficients(begin, duration, path, np.array(first), turns)
-        driven.set_motion(name, motion)
+        simulator.set_motion(name, motion)
 
 
 def _body(obstacle: Obstacle) -> tuple[str, Vector, str]:

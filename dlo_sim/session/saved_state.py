@@ -30,7 +30,7 @@ from dlo_sim.simulation.resolution import continued
 
 if TYPE_CHECKING:
     from dlo_sim.session.session import Session
-    from dlo_sim.simulation.simulator import Snapshot
+    from dlo_sim.simulation.running import Snapshot
 
 Array = NDArray[np.float64]
 _VECTORS = "position", "orientation", "attachment", "tangent"  # of a geometry
@@ -121,7 +121,7 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
     """The state in the contents of a file; ValueError, TypeError, KeyError if inconsistent."""
     from dlo_sim.simulation.build_model import build_model
     from dlo_sim.simulation.geometry import Geometry  # these import the compiler
-    from dlo_sim.simulation.simulator import Snapshot
+    from dlo_sim.simulation.running import Snapshot
 
     needs = Needs(**_with_tuples(head["needs"]))
     geometries = {}

@@ -40,7 +40,8 @@ from dlo_sim.simulation.resolution import knot_grading
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.obstacles import Contact
-    from dlo_sim.simulation.simulator import Simulator, Snapshot
+    from dlo_sim.simulation.running import Snapshot
+    from dlo_sim.simulation.simulator import Simulator
 
 
 class Session:

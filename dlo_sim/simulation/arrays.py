@@ -9,7 +9,6 @@ from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core.bspline import DEGREE
 from dlo_sim.engine import arrays
 from dlo_sim.engine.arrays import MARGIN, PADDING
-from dlo_sim.scene.description import Scene
 
 Array = NDArray[np.float64]
 # Pairs of segments that touch each other, for every segment, and of spans, for every span.
@@ -98,35 +97,6 @@ def sizes_of(
         "curved_blocks": blocks * curved,
         "plastic_blocks": blocks * plastic,
     }
-
-
-def most_sizes(scene: Scene, n: int, samples: int, pieces: int, segments: int) -> dict[str, int]:
-    """Sizes with room for whatever may become active while a cable of the scene runs: motion in
-    space, twist, every grasp, all loads, obstacles from markers. Memory of these sizes is allocated
-    once, unless `Simulator.add_obstacles` adds more of them.
-    """
-    holders, curved = len(scene.holders), scene.cable.shaped or scene.is_plastic
-    return sizes_of(
-        terms=arrays.BISHOP
-        | arrays.ROLLING * scene.may_roll
-        | arrays.CURVED * curved
-        | arrays.PLASTICITY * scene.is_plastic,
-        dim=3,
-        twist=True,
-        n=n,
-        samples=samples,
-        points=6 * holders,  # a position, r' and a twist angle each, rigid or through springs
-        rigid=6 * holders,
-        border=6 * holders,
-        springs=7 * holders,  # on three axes, on three components of r', on the twist
-        joints=0,
-        slides=sum(grasp.slides for grasp in scene.grasps),
-        grasps=holders,
-        loads=len(scene.loads),
-        obstacles=max(len(scene.bodies), len(scene.obstacles) + scene.contact.markers),
-        pieces=pieces,
-        segments=segments,
-    )
 
 
 def without_margins(lines: Array, n: int) -> Array:

@@ -16,7 +16,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
 from dlo_sim.scene.terms import TERMS
 from dlo_sim.simulation import obstacles, self_contact
-from dlo_sim.simulation.arrays import most_sizes, sizes_of, to_blocks, without_margins
+from dlo_sim.simulation.arrays import sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.holding import Holding, holding_of
 from dlo_sim.simulation.model import Model
@@ -72,8 +72,6 @@ def build_model(
     rest[list(axes)] = 0.0
     bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
     origin = np.zeros(3) if origin is None else origin
-    room = guides + (obstacles.MOST_PIECES if scene.contact.markers else bodies)
-    most = most_sizes(scene, n, rule.xi.shape[1], room, segments)
     weight = (scene.cable.mu * scene.cable.length + scene.start.mass + scene.end.mass) * EARTH
     axial = scene.cable.EA
     if inextensible(scene):  # the penalty factor of `engine.tension`
@@ -81,7 +79,7 @@ def build_model(
     stiffness = axial, bending
     places = dict(zip(scene.bodies, obstacles.at_rest(scene, origin), strict=True))
     lines = axes, twist, holding
-    model = Model(arrays, most, knots, rule, *lines, *stiffness, rest, origin, places, fields)
+    model = Model(arrays, knots, rule, *lines, *stiffness, rest, origin, places, fields)
     _Filling(scene, needs, model).fill()
     return model
 

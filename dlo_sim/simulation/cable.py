@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from typing import Any
 
@@ -26,16 +26,15 @@ from dlo_sim.engine.arrays import (
     Work,
 )
 from dlo_sim.engine.frames import control_points
+from dlo_sim.engine.grasps import ACTIVE, POSITION, START
 from dlo_sim.engine.natural_curvature import follow_to_present
 from dlo_sim.engine.plasticity import flow_to_present
 from dlo_sim.methods import between_steps
-from dlo_sim.scene.description import Obstacle, Scene
+from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.arrays import from_blocks, resampled, to_blocks, without_margins
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
-# Values of the groups of samples, `Contact.coarse`, `pieces` and `guide_pieces`.
-Samples = tuple[Array, int, tuple[int, int]]
 TINY = 1e-300
 _WORST = [State.balance.record.names.index(one) for one in ("error", "exchanged", "floor")]  # type: ignore[attr-defined]
 CREEP = 1e-6  # cable lengths per second; the account's floor is the energy of such a motion
@@ -43,9 +42,6 @@ CREEP = 1e-6  # cable lengths per second; the account's floor is the energy of s
 
 class Cable:
     """A model with its inputs, state and working memory, all zero at first.
-
-    The memory has room for all that may become active while the cable runs; the arrays are views of
-    the active part, so that an activation (`activate`) only changes their shapes.
 
     Attributes:
         arrays: all arrays by name. Their constants are those of the model.
@@ -57,26 +53,19 @@ class Cable:
     def __init__(self, model: Model) -> None:
         self._left_out = 0  # bits of terms that the method leaves out
         self._allocate(model)
-        self._begin_slides()
-        self._touch({})
         self.place_obstacles(0.0)
 
     def _allocate(self, model: Model) -> None:
+        sizes = model.arrays.sizes
         self.inputs, self.state = map(aligned_zeros, model.rooms)
-        self._working_memory = aligned_zeros(Work.room(model.most))
-        self._show(model)
-
-    def _show(self, model: Model) -> None:
-        """Make the arrays those of a model of the same scene; the numbers of inputs and state stay
-        where they are.
-        """
-        sizes, most = model.arrays.sizes, model.most
-        self._working_memory[:] = 0.0
         self.model, self.arrays = model, copy(model.arrays)
-        self.arrays.inputs = Inputs(sizes, self.inputs, most)
-        self.arrays.state = State(sizes, self.state, most)
-        self.arrays.work = Work(sizes, self._working_memory, most)
+        self.arrays.inputs = Inputs(sizes, self.inputs)
+        self.arrays.state = State(sizes, self.state)
+        self.arrays.work = Work(sizes)
         self.arrays.terms &= ~self._left_out
+        self.slides[:] = [slide.u for slide in model.holding.slides]
+        for row, place in zip(self.obstacles, model.obstacles.values(), strict=False):
+            row[:] = place
         self._balance = numbers_of(self.arrays.state.balance)
         self.x, self.w = self.shown(self.arrays.state.x), self.shown(self.arrays.state.w)
 
@@ -87,75 +76,58 @@ class Cable:
         obstacles stay. The rest of the state is zero and still to be set: anchors, directions,
         positions and velocities (`put`).
         """
-        kept = [array.copy() for array in self._lasting]
-        axes = list(self.model.axes)
-        pending, touched = self.account.pending, self._touched()
-        self.state[:] = 0.0
-        if model.rooms == self.model.rooms:
-            self._show(model)
-        else:
-            motion, loads = self.motion.copy(), self.loads.copy()
-            self._allocate(model)
-            self.motion[:] = motion
-            self.loads[: len(loads)] = loads[: len(self.loads)]
-        self._begin_slides()
-        for array, values in zip(self._lasting, kept, strict=True):
+        before = copy(self)
+        self._allocate(model)
+        self.motion[:], self.loads[:] = before.motion, before.loads
+        for array, values in zip(self._lasting, before._lasting, strict=True):
             array[...] = values
-        if axes != list(model.axes):
-            self._set_pairs(self.arrays.state.pair, axes)
-        self._touch(touched)
-        self.account.load_work += pending
+        if before.model.axes != model.axes:
+            self._set_pairs(before.arrays.state.pair, before.model.axes)
+        self.take_contact(before)
+        self.account.load_work += before.account.pending
         self._forget_history()
 
-    def _touched(self) -> dict[Obstacle, tuple[Array, float, Samples]]:
-        """Motion of every obstacle, how deep it pressed; bristles, overlap, impulses."""
-        contact, state = self.arrays.contact, self.arrays.state
-        arrays = state.bristle, state.overlap, state.slides, state.stopped
-        held = np.concatenate([np.asarray(one) for one in arrays], axis=2)
-        pieces = contact.pieces, contact.guide_pieces
-        samples = [(one, contact.coarse, pieces) for one in held]
-        rows = zip(self.obstacles.copy(), state.deepest.copy(), samples, strict=True)
-        return dict(zip(self.model.obstacles, rows, strict=False))
+    def take_contact(self, other: Cable, time: float | None = None) -> None:
+        """Go on with the motions of the obstacles of another cable, with how deep they have pressed
+        it, and with the friction that holds it on them if its control points have the same knots.
 
-    def _touch(self, before: Mapping[Obstacle, tuple[Array, float, Samples]]) -> None:
-        """Continue what was before with the obstacles that there are still; the others rest in
-        their places.
+        Args:
+            time: of another cable [s], 0 here: obstacles of the same names may be stiffer, and
+                yield anew; default: the cable before its model changed, which has yielded to the
+                obstacles that are still the same.
         """
-        for k, (obstacle, place) in enumerate(self.model.obstacles.items()):
-            if k < len(self.obstacles):
-                self.obstacles[k] = place
-                if obstacle in before:
-                    self.obstacles[k], self.arrays.state.deepest[k], kept = before[obstacle]
-                    group = self.arrays.contact
-                    held = resampled(*kept, (group.pieces, group.guide_pieces))
-                    np.asarray(self.arrays.state.bristle)[k] = held[:, :3]
-                    np.asarray(self.arrays.state.overlap)[k] = held[:, 3:6]
-                    np.asarray(self.arrays.state.slides)[k] = held[:, 6:7]
-                    self.account.decaying = 1.0  # until a step has looked
-
-    def take_over_contact(self, other: Cable) -> None:
-        """Go on with the friction that holds another cable on obstacles of the same names, and with
-        the impulses of its last step, if its control points have the same knots, and with how deep
-        they have pressed it.
-        """
+        state, group, theirs = self.arrays.state, self.arrays.contact, other.arrays
+        anew = time is not None
+        known = {one.name if anew else one: k for k, one in enumerate(other.model.obstacles)}
+        pieces = [(one.pieces, one.guide_pieces) for one in (theirs.contact, group)]
         same = np.array_equal(self.model.knots, other.model.knots)
-        in_line = same and self.model.axes == other.model.axes
-        laws = other.arrays.contact.law[:, contact.BRISTLE]
-        touched = zip(other._touched().items(), laws, strict=False)
-        theirs = {obstacle.name: (*kept, law) for (obstacle, kept), law in touched}
-        state, group = self.arrays.state, self.arrays.contact
-        for k, obstacle in enumerate(self.model.obstacles):
-            if k < len(self.obstacles) and obstacle.name in theirs:
-                _, state.deepest[k], kept, law = theirs[obstacle.name]
-                if not same:
-                    continue
-                held = resampled(*kept, (group.pieces, group.guide_pieces))
-                force = law * held[:, :3] * (group.law[k, contact.FRICTION] > 0.0)
-                np.asarray(state.bristle)[k] = force / group.law[k, contact.BRISTLE]
-                np.asarray(state.slides)[k] = held[:, 6:7]
-                if in_line:
-                    np.asarray(state.stopped)[k] = held[:, 7:]
-                    self.account.stopped = other.account.stopped
+        names = ["bristle", "slides", *["overlap"] * (not anew)]
+        if anew and self.model.axes == other.model.axes:
+            names.append("stopped")
+            self.account.stopped = other.account.stopped if same else 0.0
+        for k, obstacle in zip(range(len(self.obstacles)), self.model.obstacles, strict=False):
+            number = known.get(obstacle.name if anew else obstacle, len(other.obstacles))
+            if number >= len(other.obstacles):
+                continue
+            row = other.obstacles[number].copy()
+            if time is not None:
+                row[START] -= time
+                row[POSITION : POSITION + 3] += other.model.origin - self.model.origin
+            if not anew or row[ACTIVE]:
+                self.obstacles[k] = row
+            state.deepest[k] = theirs.state.deepest[number]
+            for name in names * same:
+                values = np.asarray(getattr(theirs.state, name))[number]
+                held = resampled(values, theirs.contact.coarse, *pieces)
+                np.asarray(getattr(state, name))[k] = held
+            laws = theirs.contact.law[number], group.law[k]
+            rubs = laws[1][contact.FRICTION] > 0.0
+            ratio = laws[0][contact.BRISTLE] / laws[1][contact.BRISTLE] if rubs else 0.0
+            np.asarray(state.bristle)[k] *= ratio
+            if not anew:
+                self.account.decaying = 1.0  # until a step has looked
+        if anew:
+            self.place_obstacles(0.0)
 
     def _set_pairs(self, pairs: Array, axes: Sequence[int]) -> None:
         """Set the pairs of segments and the bristles between them, which are by these axes."""
@@ -200,9 +172,6 @@ class Cable:
             and ours.diameter == theirs.diameter
             and ours.law[self_contact.STIFFNESS] == theirs.law[self_contact.STIFFNESS]
         )
-
-    def _begin_slides(self) -> None:
-        self.slides[:] = [slide.u for slide in self.model.holding.slides]
 
     @property
     def _lasting(self) -> tuple[Array, ...]:

@@ -16,6 +16,7 @@ from dlo_sim.engine.arrays import CONTACT, SELF
 from dlo_sim.engine.grasps import DURATION
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation import obstacles
+from dlo_sim.simulation.bodies import motion_of
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.self_contact import contact_with_itself
@@ -55,9 +56,9 @@ def drawn_obstacles(scene: Scene, cable: Cable, recorder: Recorder, look: Look) 
     for part, rows in recorder.obstacles():
         for k, row in enumerate(rows):
             moving = recorder.times[part] if row[DURATION] else recorder.times[part][:1]
-            poses[part, k] = [
-                np.concatenate(obstacles.pose_at(row, t, cable.model.origin)) for t in moving
-            ]
+            motion = motion_of(row)
+            poses[part, k, :3] = motion.position_at(moving) + cable.model.origin
+            poses[part, k, 3:] = motion.orientation_at(moving)
     surfaces, numbers = [np.zeros((0, 3, 3))], [np.zeros(0)]
     for k, body in enumerate(bodies):
         surface = obstacles.surface(body, PLATE * float(np.linalg.norm(high - low)))

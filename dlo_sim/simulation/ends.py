@@ -14,13 +14,14 @@ from dlo_sim.engine.arrays import MOTION_SIZE
 from dlo_sim.engine.grasps import ACTIVE, TWIST
 from dlo_sim.methods import between_steps
 from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.bodies import motion_of, write
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.following import twist_angles
 from dlo_sim.simulation.geometry import Geometries, Geometry, given_quaternion, known_holder
-from dlo_sim.simulation.waiting_motions import WaitingMotions
+from dlo_sim.simulation.timeline import WaitingMotions
 
 Array = NDArray[np.float64]
 LEAST_THIRD = 0.01  # of a third of the span at a clamp: least distance of the clamp's neighbour
+IN_PLANE = 1e-12  # [m], and of a direction
 NEAR = 1e-6  # cable lengths, and radians: largest gap between an end effector and its next motion
 
 
@@ -227,7 +228,7 @@ class EndDrive:
         """Follow a motion from time t on; twist angle: the present one plus `twist` [rad].
         Motions that wait are dropped.
         """
-        self.queue.drop(end)
+        self.queue.by_name.pop(end, None)
         row = self.motion[self._rows[end]]
         row[TWIST] = self.place_at(end, min(motion.start, t))[3] + twist
         self._write(end, motion)
@@ -254,61 +255,45 @@ class EndDrive:
         self.motion[: len(turns), TWIST] += turns
         turns[:] = 0.0
 
-    def stays_in_plane(self, end: str, axes: tuple[int, ...], first: Array) -> bool:
-        """Whether an end's motions and tangent stay in the plane of two axes through the point
-        `first`, shape (3,) [m]; always true for three axes.
+    def leaves_plane(self, end: str, path: Array, axes: tuple[int, ...], first: Geometry) -> bool:
+        """Whether poses (K, 7) lead an end's attachment point or tangent out of the plane of two
+        axes, in which it is first; never for three axes.
         """
         if len(axes) == 3:
-            return True
+            return False
         (normal,) = (axis for axis in range(3) if axis not in axes)
-        for motion in self._all_motions(end):
-            away = motion.position_coefficients[:, normal].copy()
-            away[0] -= first[normal]
-            tangent = rotations.rotate(motion.orientation, self._direction(end))
-            turns = motion.rotation_coefficients[:, list(axes)].any()
-            if away.any() or turns or abs(tangent[normal]) >= 1e-15:
-                return False
-        return True
-
-    def twists(self, end: str) -> bool:
-        """Whether an end effector holds the roll and turns, or has turned, about its tangent."""
         row = self.motion[self._rows[end]]
+        arm = row[grasps.ATTACHMENT : grasps.ATTACHMENT + 3]
+        away = path[:, normal] + rotations.rotate(path[:, 3:], arm)[:, normal]
+        away -= first.attachment[normal]
+        tangent = rotations.rotate(path[:, 3:], self._direction(end))[:, normal]
+        if not self._scene.holders[end].holds_direction:
+            tangent = 0.0 * tangent
+        return bool(max(np.abs(away).max(), np.abs(tangent).max()) > IN_PLANE)
+
+    def twists(self, end: str, path: Array) -> bool:
+        """Whether an end effector holds the roll and turns about its tangent, or has, along poses
+        (K, 7).
+        """
         if not self._scene.holders[end].holds_roll:
             return False
-        if abs(row[TWIST]) > 1e-12:
-            return True
-        for motion in self._all_motions(end):
-            tangent = rotations.rotate(motion.orientation, self._direction(end))
-            if np.any(np.abs(motion.rotation_coefficients @ tangent) > 1e-12):
-                return True
-        return False
+        turned = rotations.multiply(path[:, 3:], rotations.conjugate(path[0, 3:]))
+        along = rotations.to_rotation_vector(turned) @ rotations.rotate(
+            path[0, 3:], self._direction(end)
+        )
+        rolled = abs(self.motion[self._rows[end], TWIST])
+        return bool(max(rolled, np.abs(along).max()) > 1e-12)
 
     def restored(self) -> None:
         """Rebuild the motions after `motion` was overwritten by a snapshot."""
-        for name, row in self._rows.items():
-            m = self.motion[row]
-            self._motions[name] = EndMotion.from_coefficients(
-                float(m[1]),
-                float(m[2]),
-                m[3:12].reshape(3, 3).copy(),
-                rotations.from_matrix(m[12:21].reshape(3, 3)),
-                m[21:27].reshape(2, 3).copy(),
-            )
-
-    def _all_motions(self, end: str) -> tuple[EndMotion, ...]:
-        """The present motion of an end effector and those that wait."""
-        return self._motions[end], *self.queue.of(end)
+        self._motions = {name: motion_of(self.motion[row]) for name, row in self._rows.items()}
 
     def _direction(self, end: str) -> Array:
         """Direction of the cable in an end effector's frame."""
         return self.motion[self._rows[end], grasps.DIRECTION : grasps.DIRECTION + 3]
 
     def _write(self, end: str, motion: EndMotion) -> None:
-        m = self.motion[self._rows[end]]
-        m[1], m[2] = motion.start, motion.duration
-        m[3:12] = motion.position_coefficients.ravel()
-        m[12:21] = rotations.to_matrix(motion.orientation).ravel()
-        m[21:27] = motion.rotation_coefficients.ravel()
+        write(self.motion[self._rows[end]], motion)
         self._motions[end] = motion
 
 
@@ -317,3 +302,12 @@ def apart(pose: tuple[Array, Array], position: Array, orientation: Array) -> tup
     way = math.dist(pose[0].tolist(), position.tolist())
     turn = one_rotation.turn_between(pose[1].tolist(), orientation.tolist())
     return way, math.hypot(*turn)
+
+
+def twist_angles(turns: Array, axes: Array) -> Array:
+    """Twist angles [rad] of rotation vectors about unit axes, each of shape (..., 3), by the
+    swing-twist decomposition.
+    """
+    half = 0.5 * np.linalg.norm(turns, axis=-1)
+    along = np.sum(turns * axes, axis=-1)
+    return np.asarray(2.0 * np.arctan2(0.5 * np.sinc(half / np.pi) * along, np.cos(half)))

@@ -40,16 +40,14 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
-from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT, METHODS
-from dlo_sim.scene.description import Obstacle, Scene
+from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.geometry import Pose
@@ -59,6 +57,7 @@ from dlo_sim.simulation.report import DiscretizationError, Report
 from dlo_sim.simulation.resolution import MOST_CONTROL_POINTS, raised
 from dlo_sim.simulation.selection import SAFETY, accurate_step
 from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.simulation.timeline import Change
 
 Array = NDArray[np.float64]
 
@@ -104,11 +103,10 @@ class _Finer(NamedTuple):
 
 
 class ErrorEstimate:
-    """A simulator that is loaded and moved together with its two companions, and a watcher of its
-    run (`play`).
+    """A simulator whose changes its two companions repeat, and a watcher of its run (`play`).
 
     Args:
-        simulator: its error is estimated; from now on change it only through this object.
+        simulator: its error is estimated; from now on it is followed until `end`.
         place: builds a companion from its scene; the default begins in the simulator's equilibrium
             and is right if no end effector was moved.
 
@@ -128,6 +126,7 @@ class ErrorEstimate:
         kept = max(1, round(WINDOW / (self._look * simulator.step)))
         self._finer = tuple(_Companion(simulator, part, place, kept) for part in PARTS)
         self._u = np.linspace(0.0, simulator.scene.cable.length, POINTS)
+        simulator.follower = self._repeat
         self._compare()
 
     @classmethod
@@ -188,10 +187,9 @@ class ErrorEstimate:
         given = simulator.scene, simulator.method, simulator.step, self.order
         return advice(*given, error, needed)
 
-    @property
-    def steps(self) -> int:
-        """Steps of the simulator."""
-        return self.simulator.steps
+    def end(self) -> None:
+        """Follow the simulator no longer."""
+        self.simulator.follower = None
 
     def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
         """Advance the simulator, and let its companions follow; returns its report.
@@ -211,36 +209,6 @@ class ErrorEstimate:
             self._compare()
         return ""
 
-    def set_load(
-        self, name: str, force: ArrayLike | None = None, torque: ArrayLike | None = None
-    ) -> None:
-        """See `Simulator.set_load`."""
-        given = [None if one is None else np.array(one) for one in (force, torque)]
-        self._change(lambda one: one.set_load(name, *given))
-
-    def set_motion(self, end: str, motion: EndMotion) -> None:
-        """See `Simulator.set_motion`."""
-        self.simulator.set_motion(end, motion)
-        moved = replace(motion, start=motion.start - self._begun * self.simulator.step)
-        for companion in self._finer:
-            companion.change(self._steps, lambda one: one.set_motion(end, moved))
-
-    def replace_added(self, added: tuple[Obstacle, ...]) -> None:
-        """See `Simulator.replace_added`."""
-        self._change(lambda one: one.replace_added(added))
-
-    def take(self, grasp: str, at: float | None = None) -> None:
-        """See `Simulator.take`."""
-        self._change(lambda one: one.take(grasp, at))
-
-    def release(self, grasp: str) -> None:
-        """See `Simulator.release`."""
-        self._change(lambda one: one.release(grasp))
-
-    def end_pose(self, end: str) -> tuple[Array, Array]:
-        """See `Simulator.end_pose`."""
-        return self.simulator.end_pose(end)
-
     def reset(self) -> None:
         """Go back to the initial state and clear the errors."""
         self.simulator.reset()
@@ -258,11 +226,11 @@ class ErrorEstimate:
         """Steps of the simulator since its companions began."""
         return self.simulator.steps - self._begun
 
-    def _change(self, change: _Change) -> None:
-        """Change the simulator now, and the companions when they are at this time."""
-        change(self.simulator)
+    def _repeat(self, change: Change) -> None:
+        """Let the companions repeat a change of the simulator when they are at this time."""
+        began = self._begun * self.simulator.step
         for companion in self._finer:
-            companion.change(self._steps, change)
+            companion.change(self._steps, lambda one: change.repeat(one, began))
 
     def _compare(self) -> None:
         points, steps = self.simulator.centerline(self._u), self._steps

@@ -2,16 +2,81 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, rotations
+from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.core.two_points import LEAST_APART, poses_of_two_points
 from dlo_sim.engine import grasps
+from dlo_sim.simulation.ends import twist_angles
+from dlo_sim.simulation.geometry import known_holder
+from dlo_sim.simulation.play import stretch
+from dlo_sim.simulation.recorder import Recorder
+from dlo_sim.simulation.report import Report
+from dlo_sim.simulation.running import Running
+from dlo_sim.simulation.soundness import judged
+from dlo_sim.simulation.stepper import Along
 
 Array = NDArray[np.float64]
 
 UNEVEN = 4.0  # ratio of neighbouring intervals from which the slope is that of the longer one
+
+
+def record_along(
+    sim: Running, times: ArrayLike, poses: Mapping[str, ArrayLike], samples: ArrayLike
+) -> tuple[Report, Recorder]:
+    """`Simulator.follow`, but returns the recorder of the samples, which has their energies too."""
+    if sim.choice.method.family != IMPLICIT:
+        raise ValueError(
+            f"integrator.method: {sim.choice.method.name} follows no poses; give energy_momentum"
+        )
+    if not isinstance(poses, Mapping):
+        raise TypeError(f"poses: needs {{'start': numbers (T, 7)}}, got {arguments.given(poses)}")
+    for name in sim.scene.holders:
+        waiting = sim.ends.queue.of(name)
+        if waiting and name not in poses:
+            raise ValueError(
+                f"poses: none of {name}, whose next motion begins at {waiting[0].start:g} s, "
+                "while poses can only be followed beside motions that have begun; give poses "
+                f"of {name} too, or follow them after that time"
+            )
+    stamps, grid = checked_times(times, sim.steps, sim.step)
+    wanted = checked_samples(samples, sim.time, stamps[-1])
+    away = np.append(sim.origin, np.zeros(4))
+    rows = {
+        name: checked_path(sim, name, given, len(stamps)) - away for name, given in poses.items()
+    }
+    paths = {name: on_grid(grid, stamps, given) for name, given in rows.items()}
+    for name, path in paths.items():
+        sim.move_along(name, path)
+    for name, path in paths.items():
+        sim.put_end(name, path[0, :3], path[0, 3:])
+    cable = sim.cable
+    recorder = Recorder(sim.model, wanted)
+    motions = np.repeat(cable.motion[None], len(grid) - 1, axis=0)
+    for name, path in paths.items():
+        row = list(sim.scene.holders).index(name)
+        motions[:, row] = motions_along(cable.motion[row], grid, path)
+    along = Along(motions, *sim.natural.turns_along(motions))
+    report = stretch(sim, len(motions), recorder, along)
+    sim.ends.restored()
+    return judged(report, recorder), recorder
+
+
+def checked_path(sim: Running, name: str, given: ArrayLike, count: int) -> Array:
+    """Check poses (count, 7), or pairs of points (count, 2, 3), of an end effector.
+
+    Returns:
+        Poses, shape (count, 7).
+
+    Raises:
+        TypeError, ValueError: no such end effector, or not such poses.
+    """
+    orientation = sim.end_pose(known_holder(sim.scene, name))[1]
+    return checked_poses(name, given, count, orientation, sim.geometries[name].tangent)
 
 
 def checked_poses(name: str, given: ArrayLike, count: int, before: Array, tangent: Array) -> Array:
@@ -138,12 +203,3 @@ def motions_along(present: Array, grid: Array, path: Array) -> Array:
     angles = twist_angles(turn, rotations.rotate(path[:-1, 3:], direction))
     rows[1:, grasps.TWIST] += np.cumsum(angles)[:-1]
     return rows
-
-
-def twist_angles(turns: Array, axes: Array) -> Array:
-    """Twist angles [rad] of rotation vectors about unit axes, each of shape (..., 3), by the
-    swing-twist decomposition.
-    """
-    half = 0.5 * np.linalg.norm(turns, axis=-1)
-    along = np.sum(turns * axes, axis=-1)
-    return np.asarray(2.0 * np.arctan2(0.5 * np.sinc(half / np.pi) * along, np.cos(half)))

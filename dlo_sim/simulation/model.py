@@ -24,8 +24,7 @@ class Model:
     """Constants of a scene; never changed after building.
 
     Attributes:
-        arrays: those of its cables, without inputs, state and work. most: largest sizes that their
-            dimensions can take while a cable of the scene runs (`arrays.most_sizes`).
+        arrays: those of its cables, without inputs, state and work.
         knots: clamped knot vector, shape (n + 4,). rule: quadrature.
         axes: world axis of every spatial line. twist: whether a twist line follows.
         holding: held points, constraint rows and springs.
@@ -40,7 +39,6 @@ class Model:
     """
 
     arrays: CableArrays
-    most: dict[str, int]
     knots: Array
     rule: quadrature.Quadrature
     axes: tuple[int, ...]
@@ -74,7 +72,7 @@ class Model:
     @property
     def rooms(self) -> tuple[int, int]:
         """Numbers in the inputs and in the state of a cable."""
-        return Inputs.room(self.most), State.room(self.most)
+        return Inputs.room(self.arrays.sizes), State.room(self.arrays.sizes)
 
     @property
     def terms(self) -> int:

@@ -26,7 +26,7 @@ from dlo_sim.engine.arrays import (
     CableArrays,
 )
 from dlo_sim.engine.arrays import Contact as ContactArrays
-from dlo_sim.engine.grasps import ACTIVE, DURATION, FRAME, POSITION, START, TURN
+from dlo_sim.engine.grasps import FRAME, POSITION
 from dlo_sim.scene.description import EARTH, Obstacle, Scene
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.arrays import COARSE, to_blocks
@@ -257,41 +257,6 @@ def at_rest(scene: Scene, origin: Array) -> Array:
         turned = rotations.normalized(np.array(obstacle.orientation))
         row[FRAME : FRAME + 9] = rotations.to_matrix(turned).ravel()
     return rows
-
-
-def take_over(cable: Cable, other: Cable, time: float) -> None:
-    """Continue the motions of the obstacles of another cable, whose time [s] is 0 here."""
-    way = other.model.origin - cable.model.origin
-    names = [one.name for one in other.model.obstacles]
-    theirs = dict(zip(names, other.obstacles, strict=False))
-    for obstacle, row in zip(cable.model.obstacles, cable.obstacles, strict=False):
-        before = theirs.get(obstacle.name)
-        if before is not None and before[ACTIVE]:
-            row[:] = before
-            row[START] -= time
-            row[POSITION : POSITION + 3] += way
-    cable.place_obstacles(0.0)
-
-
-def pose_at(row: Array, t: float, origin: Array) -> tuple[Array, Array]:
-    """Position [m] and quaternion x, y, z, w at time t [s] of a row of `Cable.obstacles`, in the
-    world.
-    """
-    s = min(max(t - row[START], 0.0), row[DURATION])
-    powers = np.array([1.0, s, s * s])
-    turn = (powers[1:, None] * row[TURN : TURN + 6].reshape(2, 3)).sum(axis=0)
-    first = rotations.from_matrix(row[FRAME : FRAME + 9].reshape(3, 3))
-    there = rotations.multiply(rotations.from_rotation_vector(turn), first)
-    place = (powers[:, None] * row[POSITION : POSITION + 9].reshape(3, 3)).sum(axis=0)
-    return place + origin, there
-
-
-def write(row: Array, motion: EndMotion) -> None:
-    """Make a row of `Cable.obstacles` the numbers of a motion."""
-    row[START], row[DURATION] = motion.start, motion.duration
-    row[POSITION : POSITION + 9] = motion.position_coefficients.ravel()
-    row[FRAME : FRAME + 9] = rotations.to_matrix(motion.orientation).ravel()
-    row[TURN : TURN + 6] = motion.rotation_coefficients.ravel()
 
 
 def leaves_plane(motion: EndMotion, axes: tuple[int, ...]) -> bool:

@@ -8,18 +8,17 @@ division of a run into calls changes nothing. At its end shape and energy are ju
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Protocol
 
 from dlo_sim.core import bspline
 from dlo_sim.core.methods import IMPLICIT
+from dlo_sim.simulation import remarks
 from dlo_sim.simulation.recorder import Recorder
-from dlo_sim.simulation.remarks import Remarks, Running
 from dlo_sim.simulation.report import WRONG, Report, Status, explained, newton_note
+from dlo_sim.simulation.running import Running
 from dlo_sim.simulation.soundness import sound_now
-from dlo_sim.simulation.stepper import Along
-
-CHUNK = 4096  # steps of a long advance after which the state is kept in case of a failure
+from dlo_sim.simulation.stepper import CHUNK, Along
 
 
 class Played(Protocol):
@@ -33,19 +32,6 @@ class Played(Protocol):
         """Advance by whole steps."""
 
 
-class Stepped(Running, Protocol):
-    """What `stretch` steps: a simulator."""
-
-    remarks: Remarks
-
-    @property
-    def steps_of_motions(self) -> int:
-        """Number of steps for which end effectors and obstacles keep to their present motions."""
-
-    def begin_motions(self) -> None:
-        """Let motions begin that have waited for the present time."""
-
-
 class Timeline(Protocol):
     """Changes of a cable at certain steps of a run."""
 
@@ -53,25 +39,6 @@ class Timeline(Protocol):
         """Make the changes that are due; returns the step, at most `stop`, of the next ones. If it
         is the present step, the run ends.
         """
-
-
-class Changes:
-    """A timeline of calls, each made when the simulator has taken so many steps."""
-
-    def __init__(self, simulator: Played) -> None:
-        self._simulator = simulator
-        self._calls: list[tuple[int, Callable[[], object]]] = []
-
-    def add(self, at: int, call: Callable[[], object]) -> None:
-        """Make a call after `at` steps; calls of the same step in the order in which they came."""
-        self._calls.append((at, call))
-        self._calls.sort(key=lambda one: one[0])
-
-    def apply(self, stop: int) -> int:
-        """See `Timeline`."""
-        while self._calls and self._calls[0][0] <= self._simulator.steps:
-            self._calls.pop(0)[1]()
-        return min(stop, self._calls[0][0]) if self._calls else stop
 
 
 class Watcher(Protocol):
@@ -115,7 +82,7 @@ def play(
 
 
 def stretch(
-    sim: Stepped, steps: int, recorder: Recorder | None = None, along: Along | None = None
+    sim: Running, steps: int, recorder: Recorder | None = None, along: Along | None = None
 ) -> Report:
     """Advance by whole steps between two stops of `play`. On failure the last good state is kept.
 
@@ -125,15 +92,15 @@ def stretch(
     method, step, done, evaluations = sim.choice.method, sim.choice.step, 0, 0
     while done < steps:
         most = min(CHUNK, steps - done, sim.steps_of_motions)
-        piece = sim.remarks.steps_until_look(sim, most)
+        piece = remarks.steps_until_look(sim, most)
         ahead = None if along is None else along.part(done, piece)
         status, made, used, worst = sim.stepper.advance(sim.steps, piece, recorder, ahead)
         sim.steps += made
         done, evaluations = done + made, evaluations + used
         if made:
-            sim.remarks.look_for_buckling(sim)
+            remarks.look_for_buckling(sim)
         if done >= steps or done // CHUNK > (done - made) // CHUNK or not status.ok:
-            sim.remarks.look_at_itself(sim)
+            remarks.look_at_itself(sim)
         sim.begin_motions()
         if not status.ok:
             u = bspline.greville(sim.model.knots)[worst]
@@ -145,6 +112,6 @@ def stretch(
     note = newton_note(method, step, done, evaluations, sim.scene.touches)
     wrong = sound_now(sim.cable, sim.ends, sim.time)
     if not wrong and method.family != IMPLICIT and sim.energy_error > WRONG:
-        wrong = sim.remarks.open_balance(sim)
+        wrong = remarks.open_balance(sim)
     status = Status.UNRESOLVED if wrong else Status.OK
     return Report(status, wrong, done, done * step, evaluations, note)

@@ -16,6 +16,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 from dlo_sim.simulation.play import play
 from dlo_sim.simulation.recorder import Recorder
+from dlo_sim.simulation.remarks import look_back
 from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.selection import less_work
 from dlo_sim.simulation.simulator import Simulator
@@ -175,7 +176,7 @@ def record_simulator(
     count, control_points = recorder.count, recorder.control_points
     shapes = recorder.along(scene)
     error = simulator.energy_error
-    drawn = simulator.remarks.look_back(simulator, recorder, recorder.times[:count])
+    drawn = look_back(simulator, recorder, recorder.times[:count])
     return Recording(
         time=recorder.times[:count],
         control_points=control_points,

@@ -6,213 +6,158 @@ from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core.methods import IMPLICIT
-from dlo_sim.scene.description import Scene
-from dlo_sim.scene.needs import Needs, mirrors, needs_of
+from dlo_sim.scene.needs import mirrors, needs_of
 from dlo_sim.simulation import obstacles, self_contact
-from dlo_sim.simulation.buckling import (
-    look_due,
-    plane_warning,
-    release,
-    side_note,
-)
+from dlo_sim.simulation.buckling import look_due, plane_warning, release, side_note
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.drawn_obstacles import drawn_obstacles
-from dlo_sim.simulation.ends import EndDrive
-from dlo_sim.simulation.geometry import Geometries
-from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.recorder import Recorder
-from dlo_sim.simulation.report import UndefinedTorsion, balance_warning
+from dlo_sim.simulation.report import balance_warning
 from dlo_sim.simulation.resolution import Shortfall, raised, shortfalls
-from dlo_sim.simulation.selection import Choice
-from dlo_sim.simulation.stepper import Stepper
+from dlo_sim.simulation.running import Running
 
 Array = NDArray[np.float64]
-Overlaps = dict[tuple[str, obstacles.Overlap], tuple[int, float]]
-"""Obstacle that was inside the cable, how it came there -> how often, how deep at most [m]."""
 NOTABLE = 1e4  # energy exchanged, in floors of the account: as of a motion by 1e-4 lengths a second
 
 
-class Running(Protocol):
-    """What is looked at of a simulator while it runs, and afterwards; see there."""
-
-    scene: Scene
-    cable: Cable
-    ends: EndDrive
-    needs: Needs
-    choice: Choice
-    stepper: Stepper
-    steps: int
-
-    @property
-    def time(self) -> float:
-        """Simulated time [s]."""
-
-    @property
-    def model(self) -> Model:
-        """Constant arrays of the scene."""
-
-    @property
-    def energy_error(self) -> float:
-        """Of the run so far, as a share of the energy exchanged."""
-
-    @property
-    def undefined_torsion(self) -> UndefinedTorsion:
-        """At how many samples the Frenet torsion was undefined."""
-
-    @property
-    def held_now(self) -> Geometries:
-        """What holds the cable."""
-
-    def activate(self, needs: Needs, geometries: Geometries) -> None:
-        """Go on with other needs or grasps from the present state."""
+# -- looks during a run -----------------------------------------------------------------------
 
 
-class Remarks:
-    """What was noticed of a simulator, which every method gets.
-
-    Attributes:
-        overlaps: see there. bends: of recorded runs. watch: how near it came to itself.
-        fell: when the cable could fall to either side, and the projection (3, 3) onto these
-            directions.
-        unstable_first: warning of the first shape, if it is unstable in its plane.
+def steps_until_look(sim: Running, steps: int) -> int:
+    """At most `steps`, and none beyond the next look at a cable on a line or in a plane. One
+    that is far from it will not be exactly there so soon.
     """
+    every = sim.stepper.look_every
+    if steps <= every - sim.steps % every:
+        return steps
+    every *= look_due(sim.cable)
+    return min(steps, every - sim.steps % every) if every else steps
 
-    def __init__(self) -> None:
-        self.unstable_first = ""
-        self.clear()
 
-    def clear(self) -> None:
-        """Forget all but the first shape."""
-        self.overlaps: Overlaps = {}
-        self.bends: dict[str, Shortfall] = {}
-        self.fell: tuple[float, Array] | None = None
-        self.watch = self_contact.Watch()
-
-    # -- looks during a run -----------------------------------------------------------------------
-
-    def steps_until_look(self, sim: Running, steps: int) -> int:
-        """At most `steps`, and none beyond the next look at a cable on a line or in a plane. One
-        that is far from it will not be exactly there so soon.
-        """
-        every = sim.stepper.look_every
-        if steps <= every - sim.steps % every:
-            return steps
+def look_for_buckling(sim: Running) -> None:
+    """Look at a cable on a line or in a plane, where it is time to, and push it off."""
+    every = sim.stepper.look_every
+    if sim.steps % every == 0:
         every *= look_due(sim.cable)
-        return min(steps, every - sim.steps % every) if every else steps
+        if every and sim.steps % every == 0:
+            free = release(sim.cable, sim.scene)
+            if free is not None and not side_taken(sim):
+                across, axes = np.zeros((3, 3)), list(sim.model.axes)
+                across[np.ix_(axes, axes)] = free
+                sim.noticed.fell = sim.time, across
 
-    def look_for_buckling(self, sim: Running) -> None:
-        """Look at a cable on a line or in a plane, where it is time to, and push it off."""
-        every = sim.stepper.look_every
-        if sim.steps % every == 0:
-            every *= look_due(sim.cable)
-            if every and sim.steps % every == 0:
-                free = release(sim.cable, sim.scene)
-                if free is not None and not self.side_note(sim):
-                    across, axes = np.zeros((3, 3)), list(sim.model.axes)
-                    across[np.ix_(axes, axes)] = free
-                    self.fell = sim.time, across
 
-    def look_at_itself(self, sim: Running) -> None:
-        """Look whether the cable passes through itself, where it does not touch itself."""
-        if "self_contact" not in sim.needs:
-            x = sim.cable.x[: len(sim.model.axes)]
-            self.watch.look(sim.model, x, sim.scene.cable.diameter, sim.time)
+def look_at_itself(sim: Running) -> None:
+    """Look whether the cable passes through itself, where it does not touch itself."""
+    if "self_contact" not in sim.needs:
+        x = sim.cable.x[: len(sim.model.axes)]
+        sim.noticed.watch.look(sim.model, x, sim.scene.cable.diameter, sim.time)
 
-    def look_back(self, sim: Running, recorder: Recorder, times: Array) -> dict[str, Array]:
-        """What `drawn_obstacles` says of a recorded run, whose samples are at these times [s]. Its
-        bends, and whether it passed through itself, are kept for `warnings`.
-        """
-        if "self_contact" not in sim.needs:
-            self.watch.reset()
-            for time, x in zip(times.tolist(), recorder.control_points, strict=False):
-                self.watch.look(sim.model, x[:, :3].T, sim.scene.cable.diameter, time)
-        keep = partial(self._keep_bends, sim)
-        return drawn_obstacles(sim.scene, sim.cable, recorder, keep)
 
-    def look_at_start(self, sim: Running) -> None:
-        """Note the directions in which the first shape leaves what mirrors it."""
-        across = np.diag(mirrors(sim.scene))
-        if side_note(sim.cable, sim.scene, 0.0, across):
-            self.fell = 0.0, across
+def look_back(sim: Running, recorder: Recorder, times: Array) -> dict[str, Array]:
+    """What `drawn_obstacles` says of a recorded run, whose samples are at these times [s]. Its
+    bends, and whether it passed through itself, are kept for `warnings`.
+    """
+    if "self_contact" not in sim.needs:
+        sim.noticed.watch.reset()
+        for time, x in zip(times.tolist(), recorder.control_points, strict=False):
+            sim.noticed.watch.look(sim.model, x[:, :3].T, sim.scene.cable.diameter, time)
+    keep = partial(_keep_bends, sim)
+    return drawn_obstacles(sim.scene, sim.cable, recorder, keep)
 
-    def _keep_bends(
-        self, sim: Running, cable: Cable, found: Mapping[str, obstacles.Contact]
-    ) -> None:
-        """Keep the bends that knot spans cannot follow at one state of a recorded run; found: what
-        touches there.
-        """
-        self.bends = self._bends_with(sim, cable, found)
 
-    # -- lines ------------------------------------------------------------------------------------
+def look_at_start(sim: Running) -> None:
+    """Note the directions in which the first shape leaves what mirrors it."""
+    across = np.diag(mirrors(sim.scene))
+    if side_note(sim.cable, sim.scene, 0.0, across):
+        sim.noticed.fell = 0.0, across
 
-    def warnings(self, sim: Running, found: Mapping[str, obstacles.Contact]) -> tuple[str, ...]:
-        """`Simulator.warnings` with what touches now."""
-        scene, cable = sim.scene, sim.cable
-        itself = found.get(obstacles.ITSELF)
-        bodies = {name: one for name, one in found.items() if name != obstacles.ITSELF}
-        bends = self._bends_with(sim, cable, found)
-        needed = max((one.needed for one in bends.values()), default=0)
-        finer = raised(scene, needed, sim.choice.method.family == IMPLICIT) if needed else ""
-        pressed = {
-            name: obstacles.press_warning(name, one, scene, finer) for name, one in bodies.items()
-        }
-        lines = (
-            self.unstable_first,
-            self.open_balance(sim),
-            obstacles.thin_warning(scene),
-            obstacles.mesh_warning(scene),
-            obstacles.depth_warning(scene, float(cable.account.contact_deep)),
-            *(obstacles.overlap_warning(*key, *seen) for key, seen in self.overlaps.items()),
-            *pressed.values(),
-            *(one.warning(name, finer) for name, one in bends.items() if not pressed.get(name)),
-            self.watch.warning,
-            *self_contact.warnings(scene, cable, itself, finer),
-        )
-        return (*sim.needs.warnings, *filter(None, lines))
 
-    def notes(self, sim: Running) -> tuple[str, ...]:
-        """`Simulator.notes` beside the warnings."""
-        torsion = sim.undefined_torsion
-        flat = "" if self.unstable_first else self.unstable_in_plane(sim)
-        more = flat, torsion.note if torsion.worst else "", self.side_note(sim)
-        return tuple(filter(None, more))
+def _keep_bends(sim: Running, cable: Cable, found: Mapping[str, obstacles.Contact]) -> None:
+    """Keep the bends that knot spans cannot follow at one state of a recorded run; found: what
+    touches there.
+    """
+    sim.noticed.bends = _bends_with(sim, cable, found)
 
-    def points_needed(self, sim: Running, found: Mapping[str, obstacles.Contact]) -> int:
-        """`Simulator.control_points_needed` with what touches now."""
-        bends = self._bends_with(sim, sim.cable, found)
-        return max((one.needed for one in bends.values()), default=0)
 
-    def open_balance(self, sim: Running) -> str:
-        """One line if the energy balance is open by more than the method may leave, else empty."""
-        account, method = sim.cable.account, sim.choice.method
-        if account.exchanged <= NOTABLE * account.floor:
-            return ""
-        return balance_warning(method, sim.scene.integrator.tolerance, sim.energy_error)
+# -- lines ------------------------------------------------------------------------------------
 
-    def side_note(self, sim: Running) -> str:
-        """One line if the cable has left a line or plane to a side that the scene leaves open."""
-        return side_note(sim.cable, sim.scene, *self.fell) if self.fell else ""
 
-    def unstable_in_plane(self, sim: Running) -> str:
-        """`plane_warning` of a copy in space, which takes 50 ms; empty if the cable is there
-        anyway.
-        """
-        if len(sim.model.axes) == 3 or sim.scene.terms.out_of_plane != "off":
-            return ""
-        copy = deepcopy(sim)
-        copy.scene = replace(sim.scene, terms=replace(sim.scene.terms, out_of_plane="on"))
-        copy.activate(needs_of(copy.scene), sim.held_now)
-        return plane_warning(copy.cable, copy.scene)
+def warnings(sim: Running, found: Mapping[str, obstacles.Contact]) -> tuple[str, ...]:
+    """`Simulator.warnings` with what touches now."""
+    scene, cable = sim.scene, sim.cable
+    itself = found.get(obstacles.ITSELF)
+    bodies = {name: one for name, one in found.items() if name != obstacles.ITSELF}
+    bends = _bends_with(sim, cable, found)
+    needed = max((one.needed for one in bends.values()), default=0)
+    finer = raised(scene, needed, sim.choice.method.family == IMPLICIT) if needed else ""
+    pressed = {
+        name: obstacles.press_warning(name, one, scene, finer) for name, one in bodies.items()
+    }
+    lines = (
+        sim.noticed.unstable_first,
+        open_balance(sim),
+        obstacles.thin_warning(scene),
+        obstacles.mesh_warning(scene),
+        obstacles.depth_warning(scene, float(cable.account.contact_deep)),
+        *(obstacles.overlap_warning(*key, *seen) for key, seen in sim.noticed.overlaps.items()),
+        *pressed.values(),
+        *(one.warning(name, finer) for name, one in bends.items() if not pressed.get(name)),
+        sim.noticed.watch.warning,
+        *self_contact.warnings(scene, cable, itself, finer),
+    )
+    return (*sim.needs.warnings, *filter(None, lines))
 
-    def _bends_with(
-        self, sim: Running, cable: Cable, found: Mapping[str, obstacles.Contact]
-    ) -> dict[str, Shortfall]:
-        """Bends that the knot spans cannot follow where contacts are known, and those kept."""
-        now = shortfalls(sim.scene, cable.model, cable.points, found)
-        return self.bends | {name: max(self.bends.get(name, one), one) for name, one in now.items()}
+
+def notes(sim: Running) -> tuple[str, ...]:
+    """`Simulator.notes` beside the warnings."""
+    torsion = sim.undefined_torsion
+    flat = "" if sim.noticed.unstable_first else unstable_in_plane(sim)
+    more = flat, torsion.note if torsion.worst else "", side_taken(sim)
+    return tuple(filter(None, more))
+
+
+def points_needed(sim: Running, found: Mapping[str, obstacles.Contact]) -> int:
+    """`Simulator.control_points_needed` with what touches now."""
+    bends = _bends_with(sim, sim.cable, found)
+    return max((one.needed for one in bends.values()), default=0)
+
+
+def open_balance(sim: Running) -> str:
+    """One line if the energy balance is open by more than the method may leave, else empty."""
+    account, method = sim.cable.account, sim.choice.method
+    if account.exchanged <= NOTABLE * account.floor:
+        return ""
+    return balance_warning(method, sim.scene.integrator.tolerance, sim.energy_error)
+
+
+def side_taken(sim: Running) -> str:
+    """One line if the cable has left a line or plane to a side that the scene leaves open."""
+    return side_note(sim.cable, sim.scene, *sim.noticed.fell) if sim.noticed.fell else ""
+
+
+def unstable_in_plane(sim: Running) -> str:
+    """`plane_warning` of a copy in space, which takes 50 ms; empty if the cable is there
+    anyway.
+    """
+    if len(sim.model.axes) == 3 or sim.scene.terms.out_of_plane != "off":
+        return ""
+    copy = deepcopy(sim)
+    copy.scene = replace(sim.scene, terms=replace(sim.scene.terms, out_of_plane="on"))
+    copy.activate(needs_of(copy.scene), sim.held_now)
+    return plane_warning(copy.cable, copy.scene)
+
+
+def _bends_with(
+    sim: Running, cable: Cable, found: Mapping[str, obstacles.Contact]
+) -> dict[str, Shortfall]:
+    """Bends that the knot spans cannot follow where contacts are known, and those kept."""
+    now = shortfalls(sim.scene, cable.model, cable.points, found)
+    return sim.noticed.bends | {
+        name: max(sim.noticed.bends.get(name, one), one) for name, one in now.items()
+    }

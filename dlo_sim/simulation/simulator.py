@@ -9,107 +9,50 @@ from __future__ import annotations
 
 import math
 import time
-import warnings
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline, rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.core.strain import strain
-from dlo_sim.engine.arrays import ENERGIES, MATERIAL, SLIDING, TORSION
 from dlo_sim.engine.grasps import ACTIVE, DURATION, START
-from dlo_sim.engine.sliding import LOST
-from dlo_sim.scene.description import EARTH, Grasp, Obstacle, Scene, check_added
-from dlo_sim.scene.needs import (
-    Needs,
-    check_terms,
-    inextensible,
-    moments_may_come,
-    needs_of,
-    needs_of_end,
-    needs_of_load,
-)
-from dlo_sim.simulation import following, obstacles, self_contact
-from dlo_sim.simulation.build_model import build_model
-from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.curve import Curve
-from dlo_sim.simulation.ends import NEAR, EndDrive, apart
-from dlo_sim.simulation.forecast import (
-    EVERY,
-    Forecast,
-    Plan,
-    checked_times,
-    shape_times,
-)
+from dlo_sim.scene.description import EARTH, Obstacle, Scene, check_added
+from dlo_sim.scene.needs import check_terms, needs_of, with_load
+from dlo_sim.simulation import following, obstacles, remarks, self_contact
+from dlo_sim.simulation.bodies import write
+from dlo_sim.simulation.ends import NEAR, apart
+from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, checked_times, shape_times
 from dlo_sim.simulation.frequency import largest_frequency
-from dlo_sim.simulation.geometry import (
-    Geometries,
-    Geometry,
-    Pose,
-    geometries_of,
-    known_holder,
-    moved,
-    origin_of,
-)
-from dlo_sim.simulation.holding import holding_of
-from dlo_sim.simulation.meshes import as_text
-from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.natural_shape import NaturalShape
-from dlo_sim.simulation.play import CHUNK, stretch
+from dlo_sim.simulation.geometry import Pose, geometries_of, known_holder, moved
+from dlo_sim.simulation.going_on import load_ahead, take_over
+from dlo_sim.simulation.play import stretch
 from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.recorder import Recorder
-from dlo_sim.simulation.remarks import Overlaps, Remarks
-from dlo_sim.simulation.report import (
-    Energy,
-    Report,
-    Slide,
-    UndefinedTorsion,
-)
+from dlo_sim.simulation.report import Report, Slide
 from dlo_sim.simulation.resolution import continued, resolved
+from dlo_sim.simulation.running import Running, Snapshot
 from dlo_sim.simulation.selection import check_named_method, choose, is_implicit
-from dlo_sim.simulation.soundness import judged, sound_now
+from dlo_sim.simulation.soundness import sound_now
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.statics import place
-from dlo_sim.simulation.stepper import Along, Stepper
-from dlo_sim.simulation.waiting_motions import Waiting
+from dlo_sim.simulation.stepper import Stepper
+from dlo_sim.simulation.timeline import recorded
 
 Array = NDArray[np.float64]
 LIGHT = 20.0  # weights of the cable that an obstacle in which it begins may press it with
-MOST_BASES = 16  # sets of material coordinates whose basis values are kept
 
 
-@dataclass(frozen=True)
-class Snapshot:
-    """Everything that `Simulator.restore` needs to continue bit for bit. State, inputs and
-    geometries are relative to `origin`, shape (3,) [m]; `step` [s] is that of `steps`.
-    """
-
-    scene: Scene
-    steps: int
-    remainder: float
-    needs: Needs
-    state: Array
-    inputs: Array
-    geometries: Geometries
-    origin: Array
-    step: float
-    waiting: Waiting = field(default_factory=dict)
-    overlaps: Overlaps = field(default_factory=dict)
-
-
-class Simulator:
+class Simulator(Running):
     """A cable of one scene that is stepped, loaded, moved by its ends, and observed.
 
     Attributes:
         scene: with the number of control points and the knots that were chosen where it left them
             open; resolution: why, one line. choice: method, step and the reason for them. cable:
-            the arrays.
+            the arrays. follower: repeats every change (`timeline.recorded`), or None.
 
     Args:
         scene: what to simulate, from `dlo_sim.load_scene`.
@@ -137,49 +80,41 @@ class Simulator:
         near: Simulator | None = None,
     ) -> None:
         arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
-        self.scene, self.resolution = resolved(scene)
-        scene = self.scene
-        needs = needs_of(scene)
+        scene, self.resolution = resolved(scene)
+        needs = needs_of(scene, continues)
         check_terms(scene, needs)
         check_named_method(scene)
-        self.needs = needs
         bodies = {one.name for one in scene.bodies}
         given = {} if end_poses is None else end_poses
         poses = given
         if isinstance(given, Mapping):  # else `geometries_of` refuses it
             poses = {name: pose for name, pose in given.items() if name not in bodies}
-        geometries = geometries_of(scene, poses)
-        self._origin = origin_of(geometries)
-        self._geometries: Geometries = moved(geometries, -self._origin)
-        self.cable = Cable(build_model(scene, needs, self._geometries, origin=self._origin))
-        self._curve = Curve(self.cable, self._geometries["start"].tangent)
-        self.ends = EndDrive(scene, self._geometries, self.model.knots)
-        self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
-        self.steps, self._remainder = 0, 0.0
-        self.remarks = Remarks()
-        self._fill_loads()
+        super().__init__(scene, needs, geometries_of(scene, poses))
         for name in bodies & set(given):
             self.move_obstacle(name, EndMotion.resting(*given[name]))
-        self._hold_cable()
-        self._shape_naturally()
-        resting = self._place(near, continues)
+        self.hold_cable()
+        self.shape_naturally()
+        lay = self.lay_unslipped if self.natural.follows else None
+        shape = self.cable.shape_of(near.cable, near.time)[0] if near else None
+        placed = scene, self.geometries, self.ends, self.cable, lay, shape, continues
+        resting = place(*placed)
         if not continues:
-            held = [one.u for one in self._geometries.values() if one.u is not None]
+            held = [one.u for one in self.geometries.values() if one.u is not None]
             self_contact.check_start(scene, self.cable, held)
-        self.choice = choose(scene, self._largest_frequency(), unchecked_step)
-        self.needs = needs
+        frequency = 0.0 if is_implicit(scene) else largest_frequency(scene, self.cable)
+        self.choice = choose(scene, frequency, unchecked_step)
         self.stepper = Stepper(scene, self.cable, self.choice.method, self.choice.step)
         if not given and not continues:
-            self.remarks.look_at_start(self)
+            remarks.look_at_start(self)
         if not resting:
-            self._give_way(let_be=LIGHT * scene.cable.mu * EARTH)
+            self.give_way(let_be=LIGHT * scene.cable.mu * EARTH)
         self.cable.open_account(self.scene)
         started = time.perf_counter()
         self.stepper.advance(0, 0)  # no tick must have to compile this or the next line
         sound_now(self.cable, self.ends, 0.0)
-        self.remarks.unstable_first = self.remarks.unstable_in_plane(self)
-        self._initial = self.snapshot()
-        self._load_ahead()
+        self.noticed.unstable_first = remarks.unstable_in_plane(self)
+        self.initial = self.snapshot()
+        load_ahead(self)
         self.compile_seconds = time.perf_counter() - started
 
     @classmethod
@@ -200,33 +135,12 @@ class Simulator:
             raise ValueError("snapshot: its numbers do not fit; give one of Simulator.snapshot")
         return found
 
-    def _place(self, near: Simulator | None, continues: bool) -> bool:
-        """Put the cable into its first shape (`statics.place`)."""
-        lay = self._lay_unslipped if self._natural.follows else None
-        shape = self.cable.shape_of(near.cable, near.time)[0] if near else None
-        return place(self.scene, self._geometries, self.ends, self.cable, lay, shape, continues)
-
     # -- what it is -------------------------------------------------------------------------------
-
-    @property
-    def time(self) -> float:
-        """Simulated time [s]: whole steps since the start."""
-        return self.steps * self.choice.step if self.steps else 0.0
-
-    @property
-    def step(self) -> float:
-        """Step tau [s]."""
-        return self.choice.step
 
     @property
     def method(self) -> str:
         """Name of the integrator."""
         return self.choice.method.name
-
-    @property
-    def model(self) -> Model:
-        """Constant arrays of the scene."""
-        return self.cable.model
 
     @property
     def active_terms(self) -> tuple[str, ...]:
@@ -249,14 +163,14 @@ class Simulator:
 
     def warnings_with(self, found: Mapping[str, obstacles.Contact]) -> tuple[str, ...]:
         """`warnings` where `contacts` are known, which take long with many obstacles."""
-        return self.remarks.warnings(self, found)
+        return remarks.warnings(self, found)
 
     @property
     def control_points_needed(self) -> int:
         """Number of control points that follow the bends of the cable round what it touches now, or
         touched in a recorded run; 0 if these do.
         """
-        return self.remarks.points_needed(self, self.contacts)
+        return remarks.points_needed(self, self.contacts)
 
     @property
     def clearance_to_itself(self) -> float:
@@ -269,24 +183,14 @@ class Simulator:
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks for readers of the results, one line each."""
-        return self.warnings + self.remarks.notes(self)
+        return self.warnings + remarks.notes(self)
 
-    # -- shape and motion -------------------------------------------------------------------------
-
-    @property
-    def control_points(self) -> Array:
-        """Control points (x, y, z [m], theta [rad]), shape (n_u, 4), a copy."""
-        return self.model.in_world(self.cable.points)
-
-    @property
-    def velocities(self) -> Array:
-        """Velocities of the control points [m/s, rad/s], shape (n_u, 4)."""
-        return self.model.to_columns(self.cable.velocities(self.time), rest=False)
+    # -- shape and forces -------------------------------------------------------------------------
 
     @property
     def greville(self) -> Array:
         """Material coordinate [m] of each control point (Greville abscissa), shape (n_u,)."""
-        return self._curve.greville.copy()
+        return self.curve.greville.copy()
 
     def centerline(self, u: ArrayLike) -> Array:
         """Points of the cable [m] at material coordinates u [m] in [0, L], shape (len(u), 3).
@@ -294,7 +198,7 @@ class Simulator:
         Raises:
             TypeError, ValueError: not such numbers.
         """
-        return self._curve.points(_coordinates(u))
+        return self.curve.points(_coordinates(u))
 
     def tension(self, u: ArrayLike) -> Array:
         """Tension EA (|r'| - 1) - EI kappa^2 [N] at u, shape (len(u),), without damping forces.
@@ -323,7 +227,7 @@ class Simulator:
         Raises:
             TypeError, ValueError: as `centerline`.
         """
-        return self._curve.poses(_coordinates(u), self.time)[:, 3:]
+        return self.curve.poses(_coordinates(u), self.time)[:, 3:]
 
     def control_poses(self, out: Array) -> None:
         """Write into out, shape (n_u, 7), every control point [m] with the material frame at its
@@ -336,41 +240,7 @@ class Simulator:
         fits = isinstance(out, np.ndarray) and out.shape == shape and out.dtype == np.float64
         if not (fits and out.flags.c_contiguous and out.flags.writeable):
             raise TypeError(f"out: needs np.empty({shape}), got {arguments.given(out)}")
-        self._curve.control_poses(self.time, out)
-
-    # -- energies and forces ----------------------------------------------------------------------
-
-    def energy(self) -> Energy:
-        """Energies of the present state."""
-        e = dict(zip(ENERGIES, self.cable.potentials().tolist(), strict=True))
-        return Energy(
-            kinetic=self.cable.kinetic(self.cable.velocities(self.time)),
-            stretch=e["stretch"],
-            bend=e["bend"] + e["plasticity"],
-            twist=e["twist"] + e["torsion"],
-            gravity=e["gravity"],
-            spring=e["spring"],
-            contact=e["contact"],
-        )
-
-    @property
-    def energy_error(self) -> float:
-        """Largest |energy - work done + energy lost| so far, as a share of the energy exchanged."""
-        return self.cable.worst_balance(self.stepper.checked(self.steps))
-
-    @property
-    def undefined_torsion(self) -> UndefinedTorsion:
-        """At how many samples the Frenet torsion was undefined in the run so far."""
-        if not self.model.has(TORSION):
-            return UndefinedTorsion(0, 0, 0.0, 0, 0.0)
-        account = self.cable.account
-        return UndefinedTorsion(
-            samples=int(np.count_nonzero(self.model.rule.weights)),
-            last=int(account.torsion_last),
-            mean=float(account.torsion_sum / max(account.torsion_looks, 1.0)),
-            worst=int(account.torsion_worst),
-            floor=self.scene.curvature_floor,
-        )
+        self.curve.control_poses(self.time, out)
 
     @property
     def plastic_work(self) -> float:
@@ -404,10 +274,10 @@ class Simulator:
         duration = arguments.number("duration", duration, "s, 0 or more")
         if duration < 0.0:
             raise ValueError(f"duration: needs 0 s or more, got {duration!r}")
-        wanted = duration + self._remainder
+        wanted = duration + self.remainder
         steps = float(np.floor(wanted / self.step + 1e-9))
         report = self.advance_steps(arguments.count(f"duration / {self.step:g} s", steps))
-        self._remainder = wanted - report.steps * self.step if report.status.advanced else 0.0
+        self.remainder = wanted - report.steps * self.step if report.status.advanced else 0.0
         return report
 
     def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
@@ -455,40 +325,7 @@ class Simulator:
         self, times: ArrayLike, poses: Mapping[str, ArrayLike], samples: ArrayLike
     ) -> tuple[Report, Recorder]:
         """`follow`, but returns the recorder of the samples, which has their energies too."""
-        if self.choice.method.family != IMPLICIT:
-            raise ValueError(
-                f"integrator.method: {self.method} follows no poses; give energy_momentum"
-            )
-        if not isinstance(poses, Mapping):
-            raise TypeError(
-                f"poses: needs {{'start': numbers (T, 7)}}, got {arguments.given(poses)}"
-            )
-        for name in self.scene.holders:
-            waiting = self.ends.queue.of(name)
-            if waiting and name not in poses:
-                raise ValueError(
-                    f"poses: none of {name}, whose next motion begins at {waiting[0].start:g} s, "
-                    "while poses can only be followed beside motions that have begun; give poses "
-                    f"of {name} too, or follow them after that time"
-                )
-        stamps, grid = following.checked_times(times, self.steps, self.step)
-        wanted = following.checked_samples(samples, self.time, stamps[-1])
-        away = np.append(self._origin, np.zeros(4))
-        rows = {name: self.path(name, given, len(stamps)) - away for name, given in poses.items()}
-        paths = {name: following.on_grid(grid, stamps, given) for name, given in rows.items()}
-        for name, path in paths.items():
-            self._put_end(name, path[0, :3], path[0, 3:])
-            self._need(self._needs_along(name, path))
-        cable = self.cable  # after set_end, which may have activated more terms
-        recorder = Recorder(self.model, wanted)
-        motions = np.repeat(cable.motion[None], len(grid) - 1, axis=0)
-        for name, path in paths.items():
-            row = list(self.scene.holders).index(name)
-            motions[:, row] = following.motions_along(cable.motion[row], grid, path)
-        along = Along(motions, *self._natural.turns_along(motions))
-        report = stretch(self, len(motions), recorder, along)
-        self.ends.restored()
-        return judged(report, recorder), recorder
+        return following.record_along(self, times, poses, samples)
 
     def forecast(self, plan: Plan, every: float = EVERY) -> Forecast:
         """Predict the shapes along a plan, at multiples of `every` [s], bit for bit as `follow`.
@@ -500,7 +337,8 @@ class Simulator:
         """
         future = deepcopy(self)
         times = checked_times(plan)
-        poses = {name: self.path(name, rows, len(times)) for name, rows in plan.poses.items()}
+        given, count = plan.poses.items(), len(times)
+        poses = {name: following.checked_path(self, name, rows, count) for name, rows in given}
         for name, rows in poses.items():
             first = rows[0, :3], rotations.normalized(rows[0, 3:])
             way, turn = apart(self.end_pose(name), *first)
@@ -513,48 +351,14 @@ class Simulator:
         at = np.minimum(now + samples, now + times[-1])
         report, recorder = future.record_along(now + times, poses, at)
         count, shapes = recorder.count, recorder.along(self.scene)
-        drawn = future.remarks.look_back(future, recorder, samples[:count])
+        drawn = remarks.look_back(future, recorder, samples[:count])
         points = recorder.control_points
         told = future.warnings, future.control_points_needed
         return Forecast(samples[:count], points, *shapes, report, drawn, *told)
 
-    @property
-    def steps_of_motions(self) -> int:
-        """Number of steps for which end effectors and obstacles keep to their present motions."""
-        queue = self.ends.queue
-        if not queue:
-            return CHUNK
-        steps = queue.steps_until_begin(self.time, self.step)
-        if steps == 0:
-            self._go_on(queue.leading(self.time, self.step, self._pose_of))
-        return max(steps, 1)
+    # -- loads, end effectors and obstacles -------------------------------------------------------
 
-    def begin_motions(self) -> None:
-        """Let motions begin that have waited for the present time."""
-        if self.ends.queue:
-            self._go_on(self.ends.queue.take_due(self.time))
-
-    def _go_on(self, motions: Mapping[str, EndMotion]) -> None:
-        """Let end effectors and obstacles follow these motions from now on."""
-        held = self.scene.holders.keys() & motions.keys()
-        for name, motion in motions.items():
-            if name in held:
-                self.ends.go_on(name, self.time, motion)
-            else:
-                obstacles.write(self._obstacle(name), motion)
-        if held:
-            self._turn_natural_shape()
-
-    def _pose_of(self, name: str, t: float) -> tuple[Array, Array]:
-        """Position [m] and quaternion of an end effector or obstacle at time t, in the coordinates
-        of the model.
-        """
-        if name in self.scene.holders:
-            return self.ends.pose(name, t)
-        return obstacles.pose_at(self._obstacle(name), t, np.zeros(3))
-
-    # -- loads and end effectors ------------------------------------------------------------------
-
+    @recorded
     def set_load(
         self, name: str, force: ArrayLike | None = None, torque: ArrayLike | None = None
     ) -> None:
@@ -563,39 +367,19 @@ class Simulator:
         Raises:
             TypeError, ValueError: no such load, or not three finite numbers.
         """
-        arguments.one_of("load", name, self._load_index)
+        names = [load.name for load in self.scene.loads]
+        number = names.index(arguments.one_of("load", name, names))
         push = _three(f"force of {name}", force, "N")
         turn = _three(f"torque of {name}", torque, "N m")
-        self._need(needs_of_load(self.needs, self.scene, push, turn))
-        row = self.cable.loads[self._load_index[name]]
+        self.needs = with_load(self.needs, self.scene, name, push, turn)
+        row = self.cable.loads[number]
         if push is not None:
             row[:3] = push
         if turn is not None:
             row[3:6] = turn
         row[6] = 0.0
 
-    def end_pose(self, end: str) -> tuple[Array, Array]:
-        """Pose of an end effector or an obstacle at the present time: position [m] (3,), quaternion
-        x, y, z, w (4,).
-        """
-        if any(obstacle.name == end for obstacle in self.scene.bodies):
-            return obstacles.pose_at(self._obstacle(end), self.time, self.model.origin)
-        position, orientation = self.ends.pose(end, self.time)
-        return position + self.model.origin, orientation
-
-    def path(self, name: str, given: ArrayLike, count: int) -> Array:
-        """Check poses (count, 7), or pairs of points (count, 2, 3), of an end effector.
-
-        Returns:
-            Poses, shape (count, 7).
-
-        Raises:
-            TypeError, ValueError: no such end effector, or not such poses.
-        """
-        orientation = self.end_pose(known_holder(self.scene, name))[1]
-        tangent = self._geometries[name].tangent
-        return following.checked_poses(name, given, count, orientation, tangent)
-
+    @recorded
     def set_end(
         self,
         end: str,
@@ -615,8 +399,9 @@ class Simulator:
         if position is not None:
             place = arguments.numbers(f"position of {end}", position, (3,), "m")
             position = place - self.model.origin
-        self._put_end(end, position, orientation, tangent)
+        self.put_end(end, position, orientation, tangent)
 
+    @recorded
     def set_motion(self, end: str, motion: EndMotion) -> None:
         """Let an end effector or an obstacle follow a motion; then it rests at its last pose.
 
@@ -632,13 +417,12 @@ class Simulator:
             return self.move_obstacle(end, motion)
         self.ends.check_motion(end, self.time, motion, self.step, self.model.origin)
         motion = motion.moved(-self.model.origin)
+        self.move_along(end, motion)
         if not self.ends.follow_later(end, self.time, motion):
             self.ends.follow(end, self.time, motion)
-        self._need(self._needs_moved(end))
-        self._turn_natural_shape()
+        self.turn_natural_shape()
 
-    # -- obstacles --------------------------------------------------------------------------------
-
+    @recorded
     def set_obstacle(
         self, name: str, position: ArrayLike, orientation: ArrayLike = rotations.IDENTITY
     ) -> None:
@@ -648,14 +432,15 @@ class Simulator:
             TypeError, ValueError: no obstacle, or not a pose.
         """
         motion = EndMotion.resting(position, orientation, self.time)
-        kept = {one: found for one, found in self._pressures.items() if one == name}
+        kept = {one: found for one, found in self.pressures.items() if one == name}
         self.cable.settle(self.time)
         before = self.cable.present_energy()
         self.move_obstacle(name, motion)
         self.cable.place_obstacles(self.time)
-        self._give_way(kept, obstacles.Overlap.JUMPED)
+        self.give_way(kept, obstacles.Overlap.JUMPED)
         self.cable.account.drive_work += self.cable.present_energy() - before
 
+    @recorded
     def move_obstacle(self, name: str, motion: EndMotion) -> None:
         """Let an obstacle follow a motion, which begins where it is then; afterwards it rests.
         Motions that begin later wait, as those of `set_motion`.
@@ -663,25 +448,23 @@ class Simulator:
         Raises:
             TypeError, ValueError: no obstacle, or no motion.
         """
-        self._obstacle(name)
+        self.body(name)
         arguments.instance("motion", motion, EndMotion, "dlo_sim.EndMotion")
         motion = motion.moved(-self.model.origin)
-        leaves = obstacles.leaves_plane(motion, self.model.axes)
-        needs = self.needs.spatial(self.scene) if leaves else self.needs
-        self._need(needs)
-        row = self._obstacle(name)
+        if obstacles.leaves_plane(motion, self.model.axes):
+            self.needs = self.needs.in_plane(self.scene)
+        row = self.body(name)
         row[ACTIVE] = 1.0
         moves = bool(row[START] + row[DURATION] > self.time)
         if not self.ends.queue.keep(name, self.time, motion, moves):
-            self.ends.queue.drop(name)
-            obstacles.write(row, motion)
+            self.ends.queue.by_name.pop(name, None)
+            write(row, motion)
 
     def add_obstacles(self, added: Iterable[Obstacle]) -> None:
         """Add obstacles, at rest at their poses from now on; the work that this does is theirs.
 
-        Needs the method energy_momentum or another one with one implicit step. The memory grows
-        with their number, and code is compiled with the first one of a shape, unless the scene
-        makes room for them (contact.markers).
+        Needs the method energy_momentum or another one with one implicit step. Code is compiled
+        with the first one of a shape, unless the scene says that some may come (contact.markers).
 
         Raises:
             TypeError, ValueError: an obstacle as no scene has it, the name of another one, the
@@ -720,93 +503,6 @@ class Simulator:
             )
         self.replace_added(tuple(one for one in self.scene.added if one.name not in gone))
 
-    def replace_added(self, added: tuple[Obstacle, ...]) -> None:
-        """Replace the obstacles that were added to those of the scene, without checking them: new
-        ones rest at their poses, those that were there continue their motion.
-
-        Raises:
-            ValueError: the method, or terms.contact, allows none.
-        """
-        if added == self.scene.added:
-            return
-        scene, known = replace(self.scene, added=added), set(self.scene.bodies)
-        if self.choice.method.family != IMPLICIT or len(self.choice.method.substeps) > 1:
-            raise ValueError(
-                f"obstacles: none can be added with integrator.method {self.method}, as they may "
-                "be stiffer than its steps allow; use energy_momentum"
-            )
-        if not scene.touches and added:
-            raise ValueError("obstacles: terms.contact is off; set it to auto")
-        obstacles.fields_of(scene)  # refuses a mesh while nothing is changed
-        self.cable.settle(self.time)
-        before, kept = self.cable.present_energy(), self._pressures
-        self.scene, needs = scene, self.needs.with_contact(bool(scene.bodies) and scene.touches)
-        place = self._geometries["start"].attachment + self._origin
-        missing = {0, 1, 2} - set(needs.axes)
-        across = any(one.pushes_along(k, float(place[k])) for k in missing for one in added)
-        if across or (added and scene.terms.out_of_plane != "off"):
-            needs = needs.spatial(scene)
-        for one in known ^ set(scene.bodies):
-            self.ends.queue.drop(one.name)
-        self.activate(needs, self._geometries)
-        new = (one.name for one in set(scene.bodies) - known)
-        self._give_way({name: kept.get(name, obstacles.UNTOUCHED) for name in new})
-        self.cable.account.drive_work += self.cable.present_energy() - before
-
-    @property
-    def contacts(self) -> dict[str, obstacles.Contact]:
-        """`contact` of all obstacles by name, and of the cable with itself under ITSELF."""
-        touching = self.scene.bodies if "contact" in self.needs else ()
-        found = {obstacle.name: self.contact(obstacle.name) for obstacle in touching}
-        if "self_contact" in self.needs:
-            tension = obstacles.tension_along(self.scene, self.cable)
-            found[obstacles.ITSELF] = self_contact.contact_with_itself(
-                self.cable, self.scene.cable.diameter, tension
-            )
-        return found
-
-    def contact(self, name: str) -> obstacles.Contact:
-        """What of the cable touches an obstacle now.
-
-        Raises:
-            TypeError, ValueError: no obstacle that the cable can touch.
-        """
-        self._obstacle(name)
-        number = [o.name for o in self.scene.bodies].index(name)
-        tension = obstacles.tension_along(self.scene, self.cable)
-        body = self.scene.bodies[number]
-        pose = self.end_pose(name) if body.shape in obstacles.GUIDES else None
-        return obstacles.contact_with(self.cable, number, body, pose, tension)
-
-    @property
-    def _touchable(self) -> tuple[str, ...]:
-        """Names of the obstacles that the cable can touch, in the order of their numbers."""
-        return tuple(one.name for one in self.scene.bodies) if "contact" in self.needs else ()
-
-    @property
-    def _pressures(self) -> dict[str, obstacles.Pressure]:
-        """By which pressure each obstacle presses the cable now."""
-        names = self._touchable
-        return {name: obstacles.pressure_by(self.cable, k) for k, name in enumerate(names)}
-
-    def _give_way(
-        self,
-        kept: Mapping[str, obstacles.Pressure] | None = None,
-        how: obstacles.Overlap = obstacles.Overlap.BEGAN,
-        let_be: float = 0.0,
-    ) -> None:
-        """Let obstacles overlap the cable that press it more than `kept`, by name; count them.
-        Default: all, from no pressure.
-        """
-        diameter = self.scene.cable.diameter
-        kept = dict.fromkeys(self._touchable, obstacles.UNTOUCHED) if kept is None else kept
-        for number, name in enumerate(self._touchable):
-            if name in kept:
-                depth = obstacles.let_overlap(self.cable, number, kept[name], let_be)
-                if depth > how.notable * diameter:
-                    count, most = self.remarks.overlaps.get((name, how), (0, 0.0))
-                    self.remarks.overlaps[name, how] = count + 1, max(most, depth)
-
     def surface(self, name: str) -> Array:
         """Triangles [m] that show an obstacle that is a mesh, ring or channel, in its frame, shape
         (k, 3, 3).
@@ -814,54 +510,12 @@ class Simulator:
         Raises:
             TypeError, ValueError: no obstacle that the cable can touch.
         """
-        self._obstacle(name)
+        self.body(name)
         return obstacles.surface(next(o for o in self.scene.bodies if o.name == name))
-
-    def _obstacle(self, name: str) -> Array:
-        """Motion of the obstacle of this name, a view."""
-        names = self._touchable
-        return self.cable.obstacles[names.index(arguments.one_of("obstacle", name, names))]
-
-    def _put_end(
-        self,
-        end: str,
-        position: ArrayLike | None,
-        orientation: ArrayLike | None,
-        tangent: ArrayLike | None = None,
-    ) -> None:
-        """`set_end` to a position in the cable's coordinates."""
-        before = self.ends.state_of(end)
-        self.ends.place(end, self.time, position, orientation, tangent)
-        # What the jump brings in begins where the end was: its springs do work on the way.
-        needs, after = self._needs_moved(end), self.ends.state_of(end)
-        self.ends.set_state(end, before)
-        self._need(needs)
-        self.ends.set_state(end, after)
-        self._turn_natural_shape()
-        if self.choice.method.family != IMPLICIT:  # implicit steps account for the jump exactly
-            self.cable.jump(self.time, lambda points: self.ends.put(points, self.time))
-
-    def _needs_moved(self, end: str) -> Needs:
-        """What a moved end needs: the drive itself, the third coordinate, twist."""
-        first = self._geometries[end].position
-        leaves_plane = not self.ends.stays_in_plane(end, self.model.axes, first)
-        twists = "twist" not in self.needs and self.ends.twists(end)
-        return needs_of_end(self.needs, self.scene, leaves_plane=leaves_plane, twists=twists)
-
-    def _needs_along(self, end: str, path: Array) -> Needs:
-        """Needs once an end effector moves along a path of poses, shape (K, 7)."""
-        turned = rotations.multiply(path[:, 3:], rotations.conjugate(path[0, 3:]))
-        turns = rotations.to_rotation_vector(turned)
-        across = [axis for axis in range(3) if axis not in self.model.axes]
-        leaves = bool(across) and bool(
-            np.ptp(path[:, across]) > 0.0 or np.abs(turns[:, list(self.model.axes)]).max() > 1e-12
-        )
-        rolls = self.scene.holders[end].holds_roll
-        twists = rolls and bool(np.abs(turns @ self.ends.tangent(end, self.time)).max() > 1e-12)
-        return needs_of_end(self.needs, self.scene, leaves_plane=leaves, twists=twists)
 
     # -- grasps -----------------------------------------------------------------------------------
 
+    @recorded
     def take(self, grasp: str, at: float | None = None) -> None:
         """Let a grasp take the cable: from now on what it holds moves with its gripper.
 
@@ -875,7 +529,7 @@ class Simulator:
         Raises:
             TypeError, ValueError: no grasp, one that holds the cable, or no place on the cable.
         """
-        self._hold(grasp, self._geometry_taken(grasp, at))
+        self.hold(grasp, self.geometry_taken(grasp, at))
 
     def check_take(self, grasp: str, at: float | None = None) -> None:
         """Refuse what `take` would refuse now.
@@ -883,27 +537,19 @@ class Simulator:
         Raises:
             TypeError, ValueError: as `take`.
         """
-        self._held_with(grasp, self._geometry_taken(grasp, at))
+        self.held_with(grasp, self.geometry_taken(grasp, at))
 
+    @recorded
     def release(self, grasp: str) -> None:
         """Let a grasp release the cable; its gripper goes on as it does.
 
         Raises:
             TypeError, ValueError: no grasp, or one that does not hold the cable.
         """
-        self._known_grasp(grasp)
+        self.known_grasp(grasp)
         if self.held_now[grasp].u is None:
             raise ValueError(f"grasp '{grasp}': does not hold the cable; take it before")
-        self._hold(grasp, replace(self.held_now[grasp], u=None))
-
-    def held_at(self, grasp: str) -> float | None:
-        """Material coordinate [m] at which a grasp holds the cable now; None: it does not.
-
-        Raises:
-            TypeError, ValueError: no grasp.
-        """
-        self._known_grasp(grasp)
-        return self.held_now[grasp].u
+        self.hold(grasp, replace(self.held_now[grasp], u=None))
 
     @property
     def slides(self) -> dict[str, Slide]:
@@ -918,110 +564,7 @@ class Simulator:
                 found[name] = Slide(float(u), *pulls.tolist())
         return found
 
-    @property
-    def held_now(self) -> Geometries:
-        """What holds the cable, at the present material coordinates; a cable that has slipped out
-        of a grasp is not held by it.
-        """
-        if not self.model.has(SLIDING):
-            return self._geometries
-        names, held = list(self.scene.holders), dict(self._geometries)
-        for slide, u in zip(self.model.holding.slides, self.cable.slides, strict=True):
-            geometry = held[names[slide.grasp]]
-            held[names[slide.grasp]] = replace(geometry, u=None if u == LOST else float(u))
-        return held
-
-    def _known_grasp(self, name: str) -> Grasp:
-        known = [grasp.name for grasp in self.scene.grasps]
-        return self.scene.grasp(arguments.one_of("grasp", name, known))
-
-    def _geometry_taken(self, grasp: str, at: float | None) -> Geometry:
-        """How a grasp would hold the cable if it took it now."""
-        scene_grasp = self._known_grasp(grasp)
-        if self.held_now[grasp].u is not None:
-            raise ValueError(f"grasp '{grasp}': holds the cable already; release it before")
-        share = scene_grasp.at if at is None else arguments.number("at", at, "from -1 to 1")
-        length = self.scene.cable.length
-        return self._curve.taken(share, length, *self.ends.pose(grasp, self.time))
-
-    def _hold(self, grasp: str, geometry: Geometry) -> None:
-        """Hold the cable as a grasp does from now on; what that changes in energy is its work."""
-        geometries = self._held_with(grasp, geometry)
-        self.cable.settle(self.time)
-        before, held = self.cable.present_energy(), self.held_now[grasp].u
-        self.ends.hold(grasp, geometry)
-        if geometry.u is not None:
-            angle = self._curve.twist_at(geometry.u, self.cable.points)
-            self.ends.count_from(grasp, self.time, angle)
-        self.activate(self.needs, geometries)
-        if geometry.u is None:
-            self.cable.part_strands(held)
-        self.cable.account.drive_work += self.cable.present_energy() - before
-
-    def _held_with(self, grasp: str, geometry: Geometry) -> Geometries:
-        """All that holds the cable, with a grasp like this.
-
-        Raises:
-            SceneError: it holds what is held already.
-        """
-        geometries = {**self.held_now, grasp: geometry}
-        model = self.model
-        holding_of(self.scene, geometries, model.knots, model.axes, model.twist)
-        return geometries
-
-    # -- state ------------------------------------------------------------------------------------
-
-    def snapshot(self) -> Snapshot:
-        """The present state, from which `restore` continues bit for bit."""
-        return Snapshot(
-            self.scene,
-            self.steps,
-            self._remainder,
-            self.needs,
-            self.cable.state.copy(),
-            self.cable.inputs.copy(),
-            self._geometries,
-            self._origin,
-            self.step,
-            self.ends.queue.by_name,
-            dict(self.remarks.overlaps),
-        )
-
-    def restore(self, snapshot: Snapshot) -> None:
-        """Go back to a snapshot of this simulator.
-
-        Raises:
-            TypeError: not a snapshot. ValueError: a snapshot of another scene.
-        """
-        arguments.instance("snapshot", snapshot, Snapshot, "from Simulator.snapshot")
-        if snapshot.scene != replace(self.scene, added=snapshot.scene.added):
-            raise ValueError("snapshot: is of another scene; restore it where it was taken")
-        self.steps = snapshot.steps
-        self._remainder = snapshot.remainder
-        known = snapshot.scene == self.scene and snapshot.geometries is self._geometries
-        if snapshot.needs != self.needs or not known:
-            self.scene = snapshot.scene
-            self._geometries, self._origin = snapshot.geometries, snapshot.origin
-            self.cable.activate(
-                build_model(self.scene, snapshot.needs, self._geometries, origin=self._origin)
-            )
-            self._hold_cable()
-            self._shape_naturally()
-        self.needs = snapshot.needs  # equal needs may have different warnings
-        self.cable.state[:] = snapshot.state
-        self.cable.inputs[:] = snapshot.inputs
-        if self.remarks.fell and self.remarks.fell[0] > self.time:
-            self.remarks.fell = None
-        self.ends.restored()
-        self.ends.queue.replace(snapshot.waiting)
-        self.remarks.overlaps = dict(snapshot.overlaps)
-        if snapshot.step != self.step:  # of explicit steps, chosen in another shape
-            self.choice = replace(self.choice, step=snapshot.step)
-            self.stepper = Stepper(self.scene, self.cable, self.choice.method, self.step)
-
-    def reset(self) -> None:
-        """Go back to the initial state."""
-        self.restore(self._initial)
+    # -- another state, another scene -------------------------------------------------------------
 
     def start_from(self, points: ArrayLike, rates: ArrayLike | None = None) -> None:
         """Set the initial state: control points (x, y, z, theta), shape (n_u, 4), and their
@@ -1033,8 +576,8 @@ class Simulator:
                 the scene does not simulate, or the energy is not finite.
         """
         place = arguments.numbers("control points", points, (self.model.n, 4)).copy()
-        place[:, :3] -= self._origin
-        self._begin(place, rates)
+        place[:, :3] -= self.origin
+        self.begin(place, rates)
 
     def start_from_points(
         self,
@@ -1061,78 +604,9 @@ class Simulator:
                 or coordinates that are beyond the cable or not simulated.
         """
         given = points, times, coordinates
-        place, rates = cable_through(self.scene, self.ends, self._geometries, self.model, *given)
+        place, rates = cable_through(self.scene, self.ends, self.geometries, self.model, *given)
         twist = self.control_points[:, 3:]
-        self._begin(np.hstack([place, twist]), np.hstack([rates, np.zeros_like(twist)]))
-
-    def _begin(self, points: ArrayLike, rates: ArrayLike | None) -> None:
-        """`start_from` control points in the cable's coordinates."""
-        place = self.model.own_columns("control points", points)
-        speed = np.zeros_like(place)
-        if rates is not None:
-            speed = self.model.own_columns("velocities", rates, rest=False)
-        before = self.snapshot()
-        given = place.copy()
-        self.ends.take_frame_turns(self.cable.frame_turn)
-        self.ends.put(place, 0.0)
-        self.cable.forget_contact()
-        self.remarks.clear()
-        self.cable.put(place, speed, 0.0)
-        if self._natural.follows:
-            self._lay_natural_shape()
-        shifted = np.abs(self.cable.points - given).max()
-        self._give_way(let_be=math.inf)
-        self.cable.open_account(self.scene)
-        if not math.isfinite(self.cable.account.energy_start):
-            self.restore(before)
-            raise ValueError("control points: have no finite energy; neighbours must not coincide")
-        self.steps, self._remainder = 0, 0.0
-        self._initial = self.snapshot()
-        if shifted > 1e-9 * self.scene.cable.length:
-            warnings.warn(
-                "control points: those held by the ends differ from the held poses by "
-                f"{shifted:.3g} m (or rad) and were moved back; start from `control_points`, or "
-                "move the ends with set_end first",
-                stacklevel=2,
-            )
-
-    def correct(self, shift: ArrayLike, speed: ArrayLike) -> float:
-        """Add to the positions [m] and velocities [m/s] of the control points, shapes (n_u, 3).
-
-        What is held stays where it is held. The energy that this puts in, which is returned [J],
-        counts as work of the loads.
-
-        Raises:
-            TypeError, ValueError: not such numbers, or a shape without a finite energy; a cable
-                of constant length.
-        """
-        if inextensible(self.scene):
-            raise ValueError("correct: terms.stretch: off keeps the length; set it to auto")
-        points, rates, cable = self.cable.points, self.velocities, self.cable
-        shape = len(points), 3
-        points[:, :3] += arguments.numbers("shift", shift, shape, "m")
-        rates[:, :3] += arguments.numbers("speed", speed, shape, "m/s")
-        cable.settle(self.time)
-        before, kept = cable.present_energy(), (cable.state.copy(), cable.inputs.copy())
-        lost = cable.account.dissipated
-        self.ends.take_frame_turns(cable.frame_turn)
-        self.ends.put(points, self.time)
-        cable.put(points, rates, self.time, follow=True)
-        work = cable.present_energy() - before + cable.account.dissipated - lost
-        if not math.isfinite(work):
-            cable.state[:], cable.inputs[:] = kept
-            raise ValueError(
-                "shift, speed: give a shape without a finite energy; give smaller ones"
-            )
-        cable.account.load_work += work
-        return float(work)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Connect the end effectors of a copy to the copy's own arrays."""
-        self.__dict__.update(state)
-        self.ends.live_in(self.cable.motion)
-
-    # -- another scene ----------------------------------------------------------------------------
+        self.begin(np.hstack([place, twist]), np.hstack([rates, np.zeros_like(twist)]))
 
     def reconfigured(self, scene: Scene) -> Simulator:
         """A simulator of another scene that starts with this one's shape, motion and ends, and with
@@ -1150,7 +624,7 @@ class Simulator:
         scene, resolution = resolved(continued(scene, self.scene))
         # Tangents that the scene does not give are those of this simulator.
         tangents = {
-            f"{end}.tangent": list(self._geometries[end].tangent)
+            f"{end}.tangent": list(self.geometries[end].tangent)
             for end in scene.ends
             if not any(scene.ends[end].tangent)
         }
@@ -1166,177 +640,7 @@ class Simulator:
         """Start with the present shape, motion and ends of another simulator, whose scene has the
         same ends, grasps and loads. Call it only before the first step.
         """
-        arguments.instance("other", other, Simulator, "one that runs")
-        self.replace_added(other.scene.added)
-        if len(other.model.axes) == 3:
-            self._need(self.needs.spatial(self.scene))
-        if other.cable.points[:, 3].any():
-            self._need(self.needs.with_twist(self.scene))
-        way = other._origin - self._origin
-        points, rates = self.cable.shape_of(other.cable, other.time)
-        here = {*self.scene.holders, *(one.name for one in self.scene.bodies)}
-        self.ends.queue.take_over(other.ends.queue.by_name, here, other.time, way)
-        self.ends.take_over(other.ends, other.time, other.cable.frame_turn, way)
-        for name in self.scene.holders:
-            if self.ends.state_of(name)[0][ACTIVE]:
-                self._need(self._needs_moved(name))
-        taking = self._take_over_grasps(other)
-        for name, holder in self.scene.holders.items():
-            at = self._geometries[name].u
-            if at is not None and holder.holds_roll and not other.scene.holders[name].holds_roll:
-                self.ends.count_from(name, 0.0, self._curve.twist_at(at, points))
-        obstacles.take_over(self.cable, other.cable, other.time)
-        self.ends.pull_springs(self.cable, self.time)
-        self.ends.put(points, 0.0)
-        self.cable.point_grasps(0.0)
-        self.cable.put(points, rates, 0.0)
-        self.cable.take_over_samples(other.cable)
-        self.cable.take_over_contact(other.cable)
-        if self._natural.follows and not self._natural.equals(other._natural):
-            self._lay_natural_shape()
-        self.cable.flow()
-        for grasp in taking:
-            self.take(grasp)
-        names = set(self._touchable)
-        self.remarks.overlaps = {
-            key: n for key, n in other.remarks.overlaps.items() if key[0] in names
-        }
-        kept = other._pressures
-        self._give_way(kept, obstacles.Overlap.CHANGED)
-        self._give_way(dict.fromkeys(names - kept.keys(), obstacles.UNTOUCHED))
-        now, before = (
-            {one.u for one in sim.held_now.values() if one.u is not None} for sim in (self, other)
-        )
-        self.cable.open_account(self.scene, other.cable, sorted(before - now))
-        self._initial = self.snapshot()
-
-    def _take_over_grasps(self, other: Simulator) -> list[str]:
-        """Hold what the other simulator's grasps hold, as far as the scene agrees; returns the
-        names of the grasps that still have to take the cable.
-        """
-        held, taking = dict(self._geometries), []
-        theirs = moved(other.held_now, other._origin - self._origin)
-        for grasp in self.scene.grasps:
-            name, before = grasp.name, theirs[grasp.name]
-            if grasp.taken and before.u is not None and grasp.at == other.scene.grasp(name).at:
-                longer = self.scene.cable.length / other.scene.cable.length
-                held[name] = replace(before, u=before.u * longer)
-                self.ends.hold(name, held[name])
-            else:
-                held[name] = replace(held[name], u=None)
-                slipped_out = before.u is None and other.scene.grasp(name).taken
-                taking += [name] * (grasp.taken and not slipped_out)
-        if self.scene.grasps:
-            self.activate(self.needs, held)
-        return taking
-
-    # -- arrays -----------------------------------------------------------------------------------
-
-    def _largest_frequency(self) -> float:
-        """Of the cable as it begins, with what may hold it [rad/s]; 0 for implicit methods."""
-        if is_implicit(self.scene):
-            return 0.0
-        return largest_frequency(self.scene, self.cable)
-
-    def _fill_loads(self) -> None:
-        """Loads of the scene in the inputs of the cable."""
-        for row, load in zip(self.cable.loads, self.scene.loads, strict=False):
-            if load.signal != "none":
-                row[:3], row[3:6] = load.force, load.torque
-            row[6] = load.frequency if load.signal == "sine" else 0.0
-
-    def _hold_cable(self) -> None:
-        """Let the end effectors and grasps hold the cable where they are now."""
-        self.ends.live_in(self.cable.motion)
-        self.ends.pull_springs(self.cable, self.time)
-        self.cable.point_grasps(self.time if self.steps else 0.0)
-        self.cable.place_obstacles(self.time)
-
-    def _shape_naturally(self) -> None:
-        """Write the natural shape of the scene to the arrays, turned with the start."""
-        tangent = self._geometries["start"].tangent
-        self._natural = NaturalShape(self.scene, self.cable, tangent, self._start_orientation)
-
-    def _turn_natural_shape(self) -> None:
-        """Turn the natural shape with the start's end effector, which does the work."""
-        self._natural.turn(self._start_orientation)
-
-    def _lay_natural_shape(self) -> None:
-        """Lay the natural shape along the present shape, with plastic flow as if bent in one
-        motion.
-        """
-        self._lay_unslipped()
-        self.cable.flow()
-
-    def _lay_unslipped(self) -> None:
-        self._natural.lay(self._start_orientation, self.frames(self._natural.places))
-
-    @property
-    def _start_orientation(self) -> Array:
-        return self.ends.orientation("start", self.time)
-
-    def _load_ahead(self) -> None:
-        """Load the code of what may come, which no step or tick must have to compile: reading the
-        state, the twist that a moment brings, and a grasp that takes or releases the cable.
-        """
-        self.cable.velocities(0.0)
-        self.cable.balance()
-        self.cable.present_energy()
-        needs = needs_of_load(self.needs, self.scene, None, np.ones(3))
-        if moments_may_come(self.scene) and "twist" in needs and "twist" not in self.needs:
-            self._need(needs)
-            self._read()
-            self.restore(self._initial)
-        if self.scene.contact.markers and "contact" not in self.needs:
-            x, y, z = (self._origin + 1e3 * self.scene.cable.length).tolist()
-            mesh = as_text(obstacles.surface(Obstacle("box", "box")))
-            body = Obstacle("body", "mesh", position=(x, y, z), mesh=mesh, mesh_cells=8)
-            self.replace_added((body,))
-            self._read()
-            self.restore(self._initial)
-        for grasp in self.scene.grasps:
-            try:
-                if self._geometries[grasp.name].u is None:
-                    self.take(grasp.name)
-                else:
-                    self.release(grasp.name)
-            except ValueError:  # refused where it is now, not for ever
-                continue
-            self._read()
-            self.restore(self._initial)
-
-    def _read(self) -> None:
-        """Step and read the state as a node does, with the terms that are active now."""
-        self.stepper.advance(0, 0)
-        self.control_poses(np.empty((self.model.n, 7)))
-        for holder in self.scene.holders:
-            self.reaction_wrench(holder)
-        self.contacts  # noqa: B018
-
-    def _need(self, needs: Needs) -> None:
-        """Activate the terms and lines that these needs add; the state is kept."""
-        had, has = ((one.axes, "twist" in one, "loads" in one) for one in (self.needs, needs))
-        if had == has:
-            self.needs = needs
-        else:
-            self.activate(needs, self.held_now)
-
-    def activate(self, needs: Needs, geometries: Geometries) -> None:
-        """Go on with other needs or grasps from the present state."""
-        cable, points, rates = self.cable, self.cable.points, self.velocities
-        pulled = dict(zip(self.model.spring_places, cable.anchors.tolist(), strict=True))
-        in_material_frame = self.model.has(MATERIAL)
-        self.ends.take_frame_turns(cable.frame_turn)
-        self.needs, self._geometries = needs, geometries
-        cable.activate(build_model(self.scene, needs, geometries, origin=self._origin))
-        self._hold_cable()
-        for k, held in enumerate(self.model.spring_places):
-            cable.anchors[k] = pulled.get(held, cable.anchors[k])
-        self._shape_naturally()
-        cable.put(points, rates)
-        if self.model.has(MATERIAL) and not in_material_frame:
-            self._lay_natural_shape()
-        cable.flow()
+        take_over(self, arguments.instance("other", other, Simulator, "one that runs"))
 
 
 def _three(name: str, value: ArrayLike | None, unit: str) -> Array | None:

@@ -23,6 +23,7 @@ from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Status
 
 Array = NDArray[np.float64]
+CHUNK = 4096  # steps of a long advance after which the state is kept in case of a failure
 GUARD_STEPS = 16  # explicit steps between two checks of the energy
 GROSS_SHARE = 1.0  # of the energy exchanged: states with a larger energy error are never shown
 SOUND_SHARE = 0.1  # of the energy exchanged: largest energy error from which steps are retried
@@ -111,7 +112,7 @@ class Stepper:
         if along is not None:
             done = self._called(first, steps, self.step, recorder, along)
             return done if done.status.ok else done._replace(worst=self._worst_point(done.status))
-        if self._kept.size != self._cable.state.size:  # obstacles were added
+        if self._kept.size != self._cable.state.size:  # it has another model
             self._kept = np.empty_like(self._cable.state)
         self._kept[:] = self._cable.state
         done = self.run(first, steps, recorder)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from dlo_sim.core import bspline
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.simulation.play import Changes, play
+from dlo_sim.simulation.play import play
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report
 from dlo_sim.simulation.selection import SAFETY
@@ -187,10 +186,8 @@ def farthest(points: Array, truth: Array) -> float:
 
 def _run(simulator: Simulator, job: Job, recorder: Recorder | None) -> Report:
     """Step over the job; its report."""
-    timeline = Changes(simulator)
     for end, motion in job.motions:
-        at = int(np.ceil(motion.start / simulator.step - 1e-9))
-        timeline.add(at, partial(simulator.set_motion, end, motion))
+        simulator.set_motion(end, motion)
     until = int(np.ceil(job.duration / simulator.step - 1e-9))
-    report = play(simulator, until, recorder, timeline)
+    report = play(simulator, until, recorder)
     return report if recorder is None else judged(report, recorder)

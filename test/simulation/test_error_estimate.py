@@ -60,7 +60,7 @@ def run(name: str, target: Simulator | ErrorEstimate, simulator: Simulator) -> n
             # The second motion begins between two looks.
             if k * LOOK <= motion.start < (k + 1) * LOOK:
                 target.advance_steps(round(motion.start / simulator.step) - simulator.steps)
-                target.set_motion(end, motion)
+                simulator.set_motion(end, motion)
         report = target.advance_steps(round((k + 1) * LOOK / simulator.step) - simulator.steps)
         assert report.status.ok
         points.append(simulator.centerline(U * simulator.scene.cable.length))
@@ -118,7 +118,7 @@ def test_simulator_is_not_disturbed_and_cuts_do_not_matter():
     )
     whole, pieces = (ErrorEstimate(Simulator(first.scene)) for _ in range(2))
     motion = swing(first.scene, "end", 1)[0]
-    for one in (first, whole, pieces):
+    for one in (first, whole.simulator, pieces.simulator):
         one.set_motion("end", motion)
     first.advance_steps(30)
     whole.advance_steps(30)
@@ -135,7 +135,7 @@ def test_largest_error_is_held_for_a_second():
     scene = shipped("hanging_cable", damping__mass=6.0, integrator__step=2.5e-3)
     estimate = ErrorEstimate(Simulator(scene))
     fine = estimate.simulator.reconfigured(scene.with_values({"integrator.step": 1.25e-3}))
-    for one in (estimate.simulator, *(one.simulator for one in estimate.companions), fine):
+    for one in (estimate.simulator, fine):  # the companions repeat it
         one.set_end("start", position=np.add(scene.start.position, [0.02, 0.0, 0.0]))
     u, looks, held = U * scene.cable.length, [0.0], []
     for _ in range(150):
@@ -260,7 +260,7 @@ def test_a_companion_that_failed_stops_no_gripper():
     estimate.companions[1].simulator.cable.x[0, 5] = np.nan
     simulator = estimate.simulator
     for _ in range(3):
-        position, orientation = estimate.end_pose("end")
+        position, orientation = simulator.end_pose("end")
         motion = EndMotion(
             start=simulator.time,
             duration=20 * simulator.step,
@@ -268,7 +268,7 @@ def test_a_companion_that_failed_stops_no_gripper():
             orientation=orientation,
             velocity=[0.5, 0.0, 0.0],
         )
-        estimate.set_motion("end", motion)
+        estimate.simulator.set_motion("end", motion)
         assert estimate.advance_steps(20).status.ok
     assert "finer run failed" in estimate.recent.unknown
 
@@ -317,7 +317,7 @@ def test_motions_given_in_advance_move_the_companions_too():
     first = EndMotion(start=0.0, duration=3.37 * simulator.step, **pose, velocity=[-0.2, 0.0, 0.1])
     second = first.then(2.81 * simulator.step, velocity=[0.1, 0.0, 0.0])
     for motion in (first, second):
-        estimate.set_motion("end", motion)
+        estimate.simulator.set_motion("end", motion)
     assert estimate.advance_steps(40).status.ok
     finer = [one.simulator for one in estimate.companions if one.simulator is not None]
     assert finer
@@ -325,3 +325,28 @@ def test_motions_given_in_advance_move_the_companions_too():
         assert one.end_pose("end")[0] == pytest.approx(second.position_at(1.0), abs=1e-12)
         assert one.control_points[-1, :3] == pytest.approx(second.position_at(1.0), abs=1e-9)
     assert math.isfinite(estimate.recent.total)
+
+
+def test_companions_repeat_loads_jumps_and_grasps_at_their_time():
+    """Nested calls are repeated once; arguments that the caller changes later are those given."""
+    values = {"grasps.names": ["hand"], "grasps.hand.at": 0.5, "grasps.hand.position": [0.5, 0, 0]}
+    scene = load_scene(shipped_scene("two_grippers"), values | {"grasps.hand.taken": False})
+    scene = scene.with_values({"loads.names": ["push"], "loads.push.type": "force"})
+    simulator = Simulator(scene)
+    estimate = ErrorEstimate(simulator)
+    estimate.advance_steps(3)
+    force = np.array([0.0, 0.1, 0.0])
+    simulator.set_load("push", force)
+    force[:] = np.nan
+    simulator.set_end("end", tangent=(1.0, 0.1, 0.0))
+    simulator.take("hand")
+    estimate.advance_steps(2)
+    finer = [one.simulator for one in estimate.companions]
+    assert len(finer) == 2
+    for one in finer:
+        assert one.cable.loads[0, :3].tolist() == [0.0, 0.1, 0.0]
+        assert one.held_at("hand") == simulator.held_at("hand")
+        np.testing.assert_array_equal(one.end_pose("end")[1], simulator.end_pose("end")[1])
+    estimate.end()
+    simulator.release("hand")
+    assert all(one.simulator.held_at("hand") is not None for one in estimate.companions)

@@ -55,14 +55,19 @@ def test_it_is_what_single_motions_and_steps_are():
     assert sim.end_pose("start")[0] == pytest.approx(paths["start"][-1, :3], abs=1e-12)
 
 
-def test_a_path_that_leaves_the_plane_later_brings_in_space():
+def test_a_path_that_leaves_the_plane_of_a_taut_cable_later_is_refused():
     taut = {"loads.names": [], "start.clamped": False, "end.fixed": [True] * 3}
     cable = {key: value for key, value in SOFT.items() if not key.startswith("loads.")}
     sim = simulator(cable, taut, method="energy_momentum", step=STEP)
     assert len(sim.model.axes) == 2
+    before = sim.snapshot()
     times = STEP * np.arange(21)
     path = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (21, 1))
     path[5:, 1] = 0.02 * np.linspace(0.0, 1.0, 16)
+    with pytest.raises(ValueError, match="terms.out_of_plane: auto .* set it to on"):
+        sim.follow(times, {"start": path}, times[1:])
+    assert np.array_equal(sim.snapshot().inputs, before.inputs)
+    sim = simulator(cable, taut, {"terms.out_of_plane": "on"}, method="energy_momentum", step=STEP)
     _, points = sim.follow(times, {"start": path}, times[1:])
     assert points[-1, 0, :3] == pytest.approx([0.0, 0.02, 0.0], abs=1e-12)
 

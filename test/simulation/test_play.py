@@ -7,7 +7,7 @@ import pytest
 
 from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation import recording
-from dlo_sim.simulation.play import Changes, play
+from dlo_sim.simulation.play import play
 from dlo_sim.simulation.recording import record
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.simulator import Simulator
@@ -28,6 +28,19 @@ class Every:
         return "enough" if self.simulator.steps >= self.ends_at else ""
 
 
+class Once:
+    """A timeline of one change."""
+
+    def __init__(self, simulator, at, change):
+        self.simulator, self.at, self.change, self.made = simulator, at, change, False
+
+    def apply(self, stop):
+        if not self.made and self.simulator.steps >= self.at:
+            self.change()
+            self.made = True
+        return stop if self.made else min(stop, self.at)
+
+
 @pytest.fixture
 def sim():
     return Simulator(load_scene("hanging_cable", {"start.pose_topic": ""}))
@@ -38,8 +51,8 @@ def sim():
     [(7, 10, [7, 10, 14, 20]), (10, 10, [10, 20]), (100, 0, [20]), (100, 30, [20])],
 )
 def test_a_run_stops_where_its_timeline_and_its_watchers_say(sim, every, pushed_at, stops):
-    asked, timeline, watcher = [], Changes(sim), Every(sim, every)
-    timeline.add(pushed_at, lambda: asked.append(sim.steps))
+    asked, watcher = [], Every(sim, every)
+    timeline = Once(sim, pushed_at, lambda: asked.append(sim.steps))
     report = play(sim, 20, timeline=timeline, watchers=[watcher])
     assert (report.status, report.steps, sim.steps) == (Status.OK, 20, 20)
     assert [at for at, _ in watcher.seen] == stops

@@ -83,7 +83,7 @@ def test_a_bump_of_a_millimetre_changes_no_first_shape(name):
 
 
 def approach(sim, gap):
-    """Let the end of a simulator or an estimate move along x to a gap within 2 s."""
+    """Let the end of a simulator move along x to a gap within 2 s."""
     move(sim, "end", 2.0, velocity=[0.5 * (gap - sim.end_pose("end")[0][0]), 0.0, 0.0])
     return sim
 
@@ -181,7 +181,8 @@ def test_a_column_falls_to_the_same_side_in_finer_runs():
     """Pressed together by its grippers along its line: pushed off it while it moves."""
     still = {"gravity": [0.0, 0.0, 0.0], "damping__mass": 6.0}
     sim = simulate(hose(1.0, cable__bending_stiffness=2.0, **still))
-    estimate = approach(ErrorEstimate(sim), 0.95)
+    estimate = ErrorEstimate(sim)
+    approach(sim, 0.95)
     estimate.advance_steps(round(3.0 / sim.step))
     assert np.hypot(*(sim.centerline(U)[:, 1:] - [0.0, 1.0]).T).max() > 0.1
     assert 0.0 < max(estimate.recent.space, estimate.recent.time) < 0.01

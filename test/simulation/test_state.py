@@ -6,6 +6,7 @@ from cables import FULL, FULLY_DAMPED, SINE_LOAD, SOFT, scene_of, set_state, sim
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import METHODS
+from dlo_sim.scene.description import Obstacle
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.simulator import Simulator
 
@@ -125,15 +126,22 @@ def test_looking_changes_nothing(method, scene):
 
 
 def test_what_came_in_on_the_way_leaves_again_with_a_restore():
-    """A taut cable without drive, pulled out of its plane."""
+    """A taut cable without drive, which nothing leads out of its plane until it may touch."""
     plane = SOFT | {"loads.names": [], "start.clamped": False, "end.fixed": [True] * 3}
     sim = simulator(plane, n=6, method="energy_momentum", step=1e-3)
     assert "out_of_plane" in sim.left_out
     sim.advance_steps(20)
     saved, seen = sim.snapshot(), sim.control_points
-    sim.set_end("start", position=[0.0, 0.01, 0.0])
+    for jump in ({"position": [0.0, 0.01, 0.0]}, {"position": [0.0, 0.0, np.nan]}):
+        with pytest.raises(ValueError):
+            sim.set_end("start", **jump)
+    with pytest.raises(ValueError, match="terms.out_of_plane: auto .* set it to on"):
+        sim.set_end("start", position=[0.0, 0.01, 0.0])
+    assert sim.end_pose("start")[0].tolist() == [0.0, 0.0, 0.0]
+    sim.add_obstacles([Obstacle("far", "sphere", position=(0.0, 0.0, 9.0))])
     assert "out_of_plane" not in sim.left_out
     assert same(sim.control_points[2:], seen[2:])
+    sim.set_end("start", position=[0.0, 0.01, 0.0])
     sim.advance_steps(20)
     assert abs(sim.control_points[1, 1]) > 1e-3
     sim.restore(saved)

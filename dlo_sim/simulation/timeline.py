@@ -1,8 +1,13 @@
-"""Motions of end effectors and obstacles that wait for their start."""
+"""What changes a cable and when: the changes that are made to a simulator, which finer runs of it
+repeat, and the motions of end effectors and obstacles that have not begun.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import deepcopy
+from functools import wraps
+from typing import Any, Concatenate, NamedTuple, ParamSpec, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,44 +18,68 @@ from dlo_sim.core.end_motion import EndMotion
 Array = NDArray[np.float64]
 Waiting = Mapping[str, tuple[EndMotion, ...]]
 """End effector or obstacle -> its motions that have not begun, in their order."""
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+
+
+class Change(NamedTuple):
+    """A call that changed a simulator: name of the method, arguments."""
+
+    name: str
+    given: tuple[Any, ...]
+    named: dict[str, Any]
+
+    def repeat(self, simulator: object, began: float) -> None:
+        """Make it on another simulator, which began at a time [s] of the first one."""
+        given, named = deepcopy((self.given, self.named))
+        earlier = [one.later(-began) if isinstance(one, EndMotion) else one for one in given]
+        getattr(simulator, self.name)(*earlier, **named)
+
+
+class Followed(Protocol):
+    """A simulator, and what is told of every change of it."""
+
+    follower: Callable[[Change], object] | None
+
+
+Simulating = TypeVar("Simulating", bound=Followed)
+
+
+def recorded(
+    method: Callable[Concatenate[Simulating, Given], Result],
+) -> Callable[Concatenate[Simulating, Given], Result]:
+    """A method that changes a simulator and then tells its follower; what it calls itself does
+    not.
+    """
+
+    @wraps(method)
+    def call(simulator: Simulating, *given: Given.args, **named: Given.kwargs) -> Result:
+        follower, simulator.follower = simulator.follower, None
+        try:
+            result = method(simulator, *given, **named)
+        finally:
+            simulator.follower = follower
+        if follower is not None:
+            follower(Change(method.__name__, *deepcopy((given, named))))
+        return result
+
+    return call
 
 
 class WaitingMotions:
-    """Motions that have not begun, by the name of what they move."""
+    """Motions that have not begun.
+
+    Attributes:
+        by_name: end effector or obstacle -> its motions that have not begun, in their order; its
+            entries are replaced, never changed.
+    """
 
     def __init__(self) -> None:
-        self._next: dict[str, tuple[EndMotion, ...]] = {}
-
-    def __bool__(self) -> bool:
-        """Whether any waits."""
-        return bool(self._next)
-
-    @property
-    def by_name(self) -> Waiting:
-        """A copy of all of them."""
-        return dict(self._next)
+        self.by_name: dict[str, tuple[EndMotion, ...]] = {}
 
     def of(self, name: str) -> tuple[EndMotion, ...]:
         """Those of one name, in their order."""
-        return self._next.get(name, ())
-
-    def replace(self, waiting: Waiting) -> None:
-        """Let these wait instead."""
-        self._next = dict(waiting)
-
-    def take_over(self, waiting: Waiting, names: set[str], t: float, way: Array) -> None:
-        """Let those of another simulator with these names wait, whose time t [s] is 0 here, moved
-        by a vector (3,) [m].
-        """
-        self._next = {
-            name: tuple(motion.later(-t).moved(way) for motion in waiting[name])
-            for name in waiting
-            if name in names
-        }
-
-    def drop(self, name: str) -> None:
-        """Drop those of a name."""
-        self._next.pop(name, None)
+        return self.by_name.get(name, ())
 
     def keep(self, name: str, t: float, motion: EndMotion, moves: bool) -> bool:
         """Keep a motion until its start, if until then something else moves at time t (`moves`) or
@@ -62,26 +91,26 @@ class WaitingMotions:
         if rests or motion.start <= t + _rounding(motion.start):
             return False
         earlier = (one for one in self.of(name) if one.start < motion.start)
-        self._next[name] = (*earlier, motion)
+        self.by_name[name] = (*earlier, motion)
         return True
 
     def take_due(self, t: float) -> dict[str, EndMotion]:
         """Those that start up to time t, the last one of each name; they wait no more."""
         due = {}
-        for name, motions in list(self._next.items()):
+        for name, motions in list(self.by_name.items()):
             begun = [one for one in motions if one.start <= t + _rounding(t)]
             if begun:
                 due[name] = begun[-1]
-                self._next[name] = motions[len(begun) :]
-                if not self._next[name]:
-                    del self._next[name]
+                self.by_name[name] = motions[len(begun) :]
+                if not self.by_name[name]:
+                    del self.by_name[name]
         return due
 
     def steps_until_begin(self, t: float, step: float) -> int:
         """Number of whole steps [s] from time t until one begins; 0 if it does within the next
         step. One has to wait.
         """
-        first = min(motions[0].start for motions in self._next.values())
+        first = min(motions[0].start for motions in self.by_name.values())
         return int((first - t + _rounding(t)) / step)
 
     def leading(
@@ -92,7 +121,7 @@ class WaitingMotions:
         there.
         """
         until, found = t + step, {}
-        for name, motions in self._next.items():
+        for name, motions in self.by_name.items():
             begun = [one for one in motions if one.start < until - _rounding(until)]
             if not begun:
                 continue
