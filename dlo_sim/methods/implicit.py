@@ -89,7 +89,7 @@ from dlo_sim.engine.lines import (
     kinetic,
 )
 from dlo_sim.engine.loads import add_load_stiffness, load_force
-from dlo_sim.engine.rolling import eliminate_rolling, eliminate_stops, rolls, substitute_stops
+from dlo_sim.engine.rolling import eliminate_rolling, eliminate_stops, rolls, substitute_with_twist
 from dlo_sim.engine.rows import (
     add_shifts,
     add_velocity_of_held,
@@ -737,7 +737,7 @@ def stop_contacts(cable, t, tau):
         clear_held(cable, solved, PADDING)
         copy(before, v)
         if cable.terms & ROLLING:
-            substitute_stops(cable, push, solved, v)
+            substitute_with_twist(cable, push, solved, v)
         else:
             substitute(band, cable.n * dim, dim, solved)
         keep_border(cable, solved)

@@ -458,18 +458,6 @@ class Cable:
         if self.model.has(MATERIAL):
             self.call(follow_to_present)
 
-    def follow_shape(self) -> None:
-        """Go over to the Bishop frame of the present shape: the twist angles and `frame_turn`
-        change, the material frames stay, and the natural shape follows them.
-        """
-        self.call(between_steps.follow_shape)
-
-    def twist_forces(self, by_frame: bool) -> Array:
-        """Forces that couple twist and shape (`between_steps.twist_forces`), shape (lines, n)."""
-        out = self._lines()
-        self.call(between_steps.twist_forces, by_frame, out)
-        return self.shown(out)
-
     def turn_natural(self, rows: Array, turn: Array) -> None:
         """Set the natural shape to these rows, from `to_blocks`, with their vectors turned by a
         matrix (3, 3); the change of energy is work of the grasps.
@@ -621,32 +609,21 @@ class Cable:
         self.call(between_steps.held_force, t, lines, held)
         return held
 
-    def stiffness(self, predicted: bool = False) -> Array:
+    def stiffness(self) -> Array:
         """Hessian of the potential energy with respect to the spatial lines, as a band matrix.
-
-        Args:
-            predicted: with the tension of `predict_tension` instead of that of the present shape.
 
         Returns:
             A view of the working memory, shape (n dim, width); entry (r, c) is at
             [r, c - r + 4 dim - 1].
         """
-        self.call(between_steps.stiffness, predicted)
+        self.call(between_steps.stiffness)
         return self.band
 
     def take_tension(self, at_rest: bool) -> None:
         """Set the tension to that of the strain of the present shape, unless `at_rest` to zero."""
         self.arrays.state.tension[:] = 0.0
         if at_rest:
-            self.call(between_steps.stiffness, False)
-
-    def predict_tension(self, change: Array) -> None:
-        """Predict the tension for a change of the spatial lines, shape (dim, n), that comes next
-        (`engine.tension`).
-        """
-        moved = np.zeros_like(self.x)
-        moved[: len(self.model.axes)] = 2.0 * change[: len(self.model.axes)]
-        self.call(between_steps.predict, self.padded(moved))
+            self.call(between_steps.stiffness)
 
     @property
     def band(self) -> Array:

@@ -48,7 +48,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import bspline, elimination, mass, rotations
+from dlo_sim.core import bspline, mass, rotations
 from dlo_sim.engine.arrays import (
     ANY_STRETCH,
     BISHOP,
@@ -58,6 +58,7 @@ from dlo_sim.engine.arrays import (
     PLASTICITY,
 )
 from dlo_sim.engine.contact import EARTH, STIFFNESS
+from dlo_sim.methods import relax_step
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import inextensible
@@ -91,17 +92,12 @@ ROUGH = 1e-3  # of the length, movement that counts as rest on the way
 
 MAX_STEPS = 400
 TURNING_STEPS = 40  # of a search in which what holds the roll turns with the Bishop frame
-MAX_ITERATIONS = 12
 TOLERANCE = 1e-10  # of the cable's length, movement of a step that counts as rest
 ROUND_OFF = 1e-6  # the same where steps do not shrink any more
 FAST, SLOW = 0.5, 0.9  # movement that counts as progress, relative to the least so far
 PATIENCE = 6  # steps without progress after which they do not
 NUDGE = 1e-6  # of the length
-SMALL = 1e-4  # spans, and radians: steps of finite differences
-SPIN = 0.16  # of the length: radius of gyration of the twist in pseudo-time
 STEADY = 1e5  # pseudo-time of the stiffness that must be positive at rest, in `_Search.patient`
-CONVERGED, EXACT = 1e-4, 1e-12  # last correction: share of that of the step, or of the length
-LOOSE = 1e-2  # the former with twist
 
 PROJECTING = 1e-4  # of the first step, in which a cable only comes to its length
 
@@ -239,7 +235,7 @@ class _FirstShape:
         if resting:
             return self._rests(1.0)
         search = _Search(cable)
-        done = search.step(PROJECTING * search.first_step())[0] > 0
+        done = search.step(PROJECTING * search.first_step)[0] > 0
         cable.take_tension(at_rest=False)
         return done
 
@@ -715,9 +711,9 @@ def relax(
     that what holds the roll turns with the Bishop frame. `across` is a unit vector along which a
     guide hardly lets the cable move: there it is not in equilibrium.
     """
-    search = _Search(cable, twist, rolls, across)
     cable.w[:] = 0.0
-    pseudo = search.first_step()
+    search = _Search(cable, twist, rolls, across)
+    pseudo = search.first_step
     least, stuck, ceiling, smooth, nudged = np.inf, 0, np.inf, 0, False
     progress = SLOW if after_step else FAST
     for _ in range(TURNING_STEPS if rolls else MAX_STEPS):
@@ -769,7 +765,7 @@ def _relative_movement(cable: Cable, before: Array) -> float:
 
 
 class _Search:
-    """The steps of one search: of the spatial lines, or with `twist` of all lines together.
+    """The steps of one search (`relax_step`) for the spatial lines, or with `twist` for all lines.
 
     Attributes:
         patient: pseudo-time [s^2] of steps that see the whole stiffness: the cable falls by many
@@ -784,72 +780,33 @@ class _Search:
         across: Array | None = None,
     ) -> None:
         self._cable, model = cable, cable.model
-        self._across, self._guide = across, np.zeros((0, 0))
         self._twist, self._rolls = twist, rolls
-        # Of a step with twist the frames are known to a few per cent where a span bends sharply.
-        self._converged, self._exact = (LOOSE, TOLERANCE) if twist else (CONVERGED, EXACT)
-        self._held_angles = cable.x[-1].copy()
-        self._torsional = float(cable.arrays.physics.GJ)
-        self._dim = len(model.axes)
         self._length = float(model.knots[-1])
-        self.patient = 0.0
+        self._begun, self._anchors = cable.padded(cable.x), cable.anchors.copy()
+        dim = len(model.axes)
+        pull = float(np.abs(cable.forces()[:dim] * ~model.held_mask()[:dim]).sum())
+        inertia = float(mass.multiply(model.mass(0), np.ones(model.n)).sum())
+        self._fall = inertia * self._length / max(pull, TINY)
+        self.patient = 100.0 * self._fall
+        self._guide = np.zeros(dim) if across is None else across * math.sqrt(GUIDED / self._fall)
 
+    @property
     def first_step(self) -> float:
         """Pseudo-time [s^2] in which the first guess moves by a percent of the length."""
-        model = self._cable.model
-        free = ~model.held_mask()[: self._dim]
-        pull = float(np.abs(self._cable.forces()[: self._dim] * free).sum())
-        inertia = float(mass.multiply(model.mass(0), np.ones(model.n)).sum())
-        fall = inertia * self._length / max(pull, 1e-300)
-        self.patient = 100.0 * fall
-        if self._across is not None:
-            self._begun = self._cable.x[: self._dim].copy()
-            self._guide = np.outer(self._across, self._across) * (GUIDED / fall)
-        return 0.01 * fall
+        return 0.01 * self._fall
 
     def step(self, pseudo: float) -> tuple[int, float]:
         """One backward Euler step in place; iterations (0: not converged) and the largest move.
 
         The move is a share of the length, or an angle [rad].
         """
-        dim = self._dim
-        x, state = self._cable.x, self._cable.state.copy()
-        before, sum_ = x[:dim].copy(), np.zeros_like(x)
-        for iteration in range(1, MAX_ITERATIONS + 1):
-            change = self._correction(sum_, pseudo, iteration > 1)
-            if change is None:
-                break
-            self._cable.predict_tension(change)
-            x[: len(change)] += change
-            sum_[: len(change)] += change
-            sum_[:dim] = x[:dim] - before
-            moved, largest = self._size(sum_), self._size(change)
-            if not moved < 1e3:
-                break
-            self._follow()
-            if largest <= self._converged * moved or largest < self._exact:
-                return iteration, moved
-        # The frames, too, which may hold no numbers where the correction was far too large.
-        self._cable.state[:] = state
-        return 0, 0.0
-
-    def _size(self, change: Array) -> float:
-        """Largest change, as a share of the length or in radians."""
-        dim = self._dim
-        angle = np.abs(change[dim:]).max(initial=0.0)
-        return float(max(np.abs(change[:dim]).max() / self._length, angle))
-
-    def _follow(self) -> None:
-        """Let frames and natural shape follow the present shape; without twist, at fixed angles."""
-        if self._twist:
-            anchors = self._cable.anchors.copy()
-            self._cable.follow_shape()
-            if self._rolls:
-                self._cable.anchors[:] = anchors
-                self._cable.frame_turn[:] = 0.0
-        else:
-            self._cable.follow()
-            self._cable.open_frame()
+        state, given = self._cable.state.copy(), (self._guide, self._begun, self._anchors)
+        more = self._length, self._twist, self._rolls
+        iterations, moved = self._cable.call(relax_step.relax_step, pseudo, *given, *more)
+        if iterations == 0:
+            # The frames, too, which may hold no numbers where the correction was far too large.
+            self._cable.state[:] = state
+        return iterations, moved
 
     def stable(self, pseudo: float = 0.0) -> bool:
         """Whether the stiffness of the present shape is positive, up to round-off, or up to that of
@@ -858,134 +815,5 @@ class _Search:
         """
         if self._cable.model.has(MATERIAL) and not self._twist:
             return True
-        still = np.zeros_like(self._cable.x)
-        return self._correction(still, pseudo or STEADY * self.patient) is not None
-
-    def _correction(self, moved: Array, pseudo: float, predicted: bool = False) -> Array | None:
-        """Newton correction, of the spatial lines (dim, n), or with twist of all; None where it
-        leads uphill.
-
-        Args:
-            moved: in this step so far, shape (lines, n); of the twist, against the material.
-            predicted: whether the tension is the one that the last correction predicted.
-        """
-        cable, dim = self._cable, self._dim
-        n = cable.model.n
-        force, band = cable.forces(), self._elastic_stiffness(predicted)
-        half = 4 * dim - 1
-        inertia = cable.model.mass(0)
-        resisted = moved[:dim] / pseudo
-        if self._guide.size:
-            away = cable.x[:dim] - self._begun
-            resisted = resisted + (self._guide[:, :, None] * away).sum(axis=1)
-        resisted = np.stack([mass.multiply(inertia, line) for line in resisted], axis=1)
-        unknowns = (force[:dim].T - resisted).ravel()
-        # Row i dim + d of the matrix belongs to coordinate d of control point i.
-        by_point = band.reshape(n, dim, -1)
-        metric = np.eye(dim) / pseudo + (self._guide if self._guide.size else 0.0)
-        for a, b in zip(*np.nonzero(metric), strict=True):
-            for k in range(4):
-                part = metric[a, b] * inertia[k, : n - k]
-                by_point[: n - k, a, half + k * dim + b - a] += part
-                if k:
-                    by_point[k:, a, half - k * dim + b - a] += part
-        if self._twist:
-            return self._with_twist(by_point, force, unknowns, moved[dim], pseudo)
-        if cable.solve_held(unknowns) != 0 or not np.isfinite(unknowns).all():
-            return None
-        return unknowns.reshape(n, dim).T
-
-    def _elastic_stiffness(self, predicted: bool) -> Array:
-        """The band matrix of the spatial lines; with twist, without what `_coupling` has."""
-        cable = self._cable
-        if not self._twist:
-            band = cable.stiffness(predicted)
-            if cable.loads.size and cable.loads[:, 3:6].any():
-                cable.add_moment_stiffness()
-            return band
-        state = cable.arrays.state
-        kept = state.natural.copy(), state.plastic.copy()
-        state.natural[:] = state.plastic[:] = 0.0
-        band = cable.stiffness(predicted)
-        state.natural[:], state.plastic[:] = kept
-        return band
-
-    def _coupling(self) -> Array:
-        """Minus the derivatives of `Cable.twist_forces` by all lines, as central differences, shape
-        (7, lines, lines, n): [o, e, d, i] is that of the force on line e of control point i by line
-        d of control point i + o - 3. A point acts on no others.
-        """
-        cable, x = self._cable, self._cable.x
-        n, reach = cable.model.n, bspline.DEGREE
-        steps = np.full(len(x), SMALL * self._length / (n - reach))
-        steps[self._dim :] = SMALL
-        colours = 2 * reach + 1
-        slopes = np.zeros((colours, len(x), len(x), n))
-        for colour in range(colours):
-            for d, small in enumerate(steps):
-                there, ahead = x[d, colour::colours].copy(), np.zeros_like(x)
-                for side in (1.0, -1.0):
-                    x[d, colour::colours] = there + side * small
-                    ahead -= side * cable.twist_forces(by_frame=False)
-                x[d, colour::colours] = there
-                slopes[colour, d] = ahead / (2.0 * small)
-        out = np.zeros_like(slopes)
-        for o in range(colours):
-            i = np.arange(max(0, reach - o), min(n, n + reach - o))
-            out[o, :, :, i] = slopes[(i + o - reach) % colours, :, :, i].transpose(0, 2, 1)
-        return out
-
-    def _with_twist(
-        self, by_point: Array, force: Array, unknowns: Array, turned: Array, pseudo: float
-    ) -> Array | None:
-        """Newton correction of all lines, of which the twist is that against the material: the
-        Bishop frame turns with the shape. The shape is eliminated.
-        """
-        cable, dim, model = self._cable, self._dim, self._cable.model
-        n, half = model.n, 4 * dim - 1
-        between = self._coupling()
-        on_shape, on_twist = np.zeros((n, n * dim)), np.zeros((n, n * dim))  # by twist, by shape
-        inertia = model.mass(0) * (SPIN * self._length) ** 2 / pseudo
-        matrix = mass.dense(model.twisting_stiffness + inertia)
-        for o in range(2 * bspline.DEGREE + 1):
-            i = np.arange(max(0, bspline.DEGREE - o), min(n, n + bspline.DEGREE - o))
-            j = i + o - bspline.DEGREE
-            matrix[i, j] += between[o, dim, dim, i]
-            for e in range(dim):
-                on_shape[j, i * dim + e] = between[o, e, dim, i]
-                on_twist[i, j * dim + e] = between[o, dim, e, i]
-                for d in range(dim):
-                    column = half + (o - bspline.DEGREE) * dim + d - e
-                    by_point[i, e, column] += between[o, e, d, i]
-        sides = np.concatenate([unknowns[None], -on_shape])
-        if cable.solve_held(sides) != 0 or not np.isfinite(sides).all():
-            return None
-        alone, by_twist = sides[0], sides[1:]
-        matrix += np.einsum("ia,ka->ik", on_twist, by_twist)
-        rest = force[dim] - mass.multiply(inertia, turned) - (on_twist * alone).sum(axis=1)
-        held = model.held_mask()[-1]
-        for k in np.flatnonzero(held):
-            frame = self._frame_turn(int(k)) if self._rolls else np.zeros(n * dim)
-            matrix[k] = (by_twist * frame).sum(axis=1)
-            matrix[k, k] += 1.0
-            rest[k] = -(frame * alone).sum()
-            if self._rolls:
-                rest[k] += self._held_angles[k] - cable.x[dim, k]
-        order = np.argsort(held, kind="stable")  # what is held last: the pivots before are of K
-        turn, pivots = elimination.solve(matrix[np.ix_(order, order)], rest[order])
-        if pivots[: n - held.sum()].min(initial=1.0) <= 0.0:
-            return None
-        turn[order] = turn.copy()
-        change = (alone + (turn[:, None] * by_twist).sum(axis=0)).reshape(n, dim).T
-        return np.concatenate([change, turn[None]])
-
-    def _frame_turn(self, k: int) -> Array:
-        """Derivative of the angle of the Bishop frame at control point k by the shape, (n dim,)."""
-        cable, dim = self._cable, self._dim
-        u, kept = bspline.greville(cable.model.knots), cable.x[dim].copy()
-        forces = []
-        for share in (0.0, 1.0):
-            cable.x[dim] = share * np.minimum(u, u[k]) / self._torsional
-            forces.append(cable.twist_forces(by_frame=True)[:dim])
-        cable.x[dim] = kept
-        return (forces[0] - forces[1]).T.ravel()
+        given = pseudo or STEADY * self.patient, self._guide, self._begun, self._length
+        return bool(self._cable.call(relax_step.is_stable, *given, self._twist))

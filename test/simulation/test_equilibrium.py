@@ -213,7 +213,11 @@ FRENET = {"terms.twist": "frenet", "integrator.method": "rk4", "damping.stiffnes
 REFUSED = {
     "free": (NOTHING_HELD, "z, where .* pull with -0.319 N", [STARTED]),
     "guided": (GUIDED, "nothing holds the cable along z", [STARTED, PINNED]),
-    "no stretch": ({"terms.stretch": "off"}, "stretching", [{"terms.stretch": "auto"}]),
+    "no stretch": (
+        {"terms.stretch": "off", "integrator.method": "rk4", "damping.stiffness": 0.0},
+        "stretching",
+        [{"terms.stretch": "auto"}],
+    ),
     "frenet": (FRENET, "frenet; use straight", [STARTED]),
 }
 
