@@ -18,20 +18,10 @@ A lowered cable is guided: it hardly moves across the vertical plane of its ends
 is one of symmetry, the shape in it counts, unless it topples much faster than a body falls by the
 length of the cable; one that topples slowly does so in the simulation. All others are let go.
 
-At each place of the way the cable descends from its first guess by backward Euler steps of the
-gradient flow (`relax`),
-    M (q1 - q0) / s = f(q1),
-whose pseudo-time s grows as long as Newton's method converges, so that the descent ends in Newton's
-method and does not stop at unstable shapes on the way.
-
-A thin cable is up to a billion times stiffer along itself than across: the tension is an unknown of
-its own (`engine.tension`), without which Newton's method would crawl.
-
-Twist that acts on the shape is found with it, by the same steps for all unknowns. They are those
-of the frames that follow the present shape: there shape and twist of each point act on its
-neighbours only, and the matrix is that of an energy, whose positive definiteness says whether the
-cable is stable. Its part that couples shape and twist comes from finite differences, which cost as
-many evaluations of the forces for any number of points.
+At each place of the way the cable descends from its first guess by backward Euler steps of a
+gradient flow (`methods.relax_step`), whose pseudo-time grows as long as Newton's method converges,
+so that the descent ends in Newton's method and does not stop at unstable shapes on the way. Twist
+that acts on the shape is found at last, by the same steps for all unknowns.
 
 A cable of constant length is first found as an elastic one, with the penalty factor of
 `engine.tension` as EA, whose tension then is the multiplier that it starts with.
@@ -146,6 +136,7 @@ class _FirstShape:
         # After each step of a search for the shape alone.
         self._flow = self._align if cable.model.has(PLASTICITY) else None
         self._across: Array | None = None  # to where a guide keeps the cable from moving
+        self._touching = cable.model.has(CONTACT)  # whether there are obstacles to follow
 
     def place(self, near: Array | None, continues: bool) -> bool:
         """See the function `place`."""
@@ -172,10 +163,14 @@ class _FirstShape:
             raise SceneError(
                 "initial.shape: no equilibrium is available with terms.twist frenet; use straight"
             )
-        if near is not None and searched and self._rests_near():
+        if near is not None and searched and cable.model.has(CONTACT):
+            self._across = _Way(scene, self._geometries, cable.model.axes).across
+        if near is not None and searched and self._rests(1.0):
             self._twist()
         elif resting:
-            self._find()
+            if not self._follow():
+                raise SceneError(_cause(scene, cable))
+            self._twist()
         elif backwards and scene.terms.twist != "frenet" and not self._follow():
             # An arc that is folded at a clamp would stay so, but no other shape was found.
             cable.put(points, np.zeros_like(points), 0.0)
@@ -183,47 +178,17 @@ class _FirstShape:
         if keeps_length and not self._keep_length(resting):
             raise SceneError(_cause(scene, cable))
         points = cable.points
-        wrong = self._inside(points[:, :3])
-        if wrong:
+        if wrong := self._inside(points[:, :3]):
             cure = "" if resting or not self._is_held else ", or set initial.shape to equilibrium"
             raise SceneError(f"{wrong}; move the obstacle or the cable's ends{cure}")
         cable.put(points, np.zeros_like(points))
         return resting
-
-    def _rests_near(self) -> bool:
-        """Whether there is an equilibrium near the present shape."""
-        if self._cable.model.has(CONTACT):
-            self._across = _Way(self._scene, self._geometries, self._cable.model.axes).across
-        return self._rests(1.0)
 
     def _align(self) -> None:
         """Align the natural shape with the present shape, with the plastic flow up to it."""
         if self._lay:
             self._lay()
             self._cable.flow()
-
-    def _find(self) -> None:
-        """Put an extensible cable into equilibrium, with its twist.
-
-        Where the twist is not found, the cable is only placed close to rest, with a UserWarning.
-
-        Raises:
-            SceneError: none was found.
-        """
-        if not self._follow():
-            raise SceneError(_cause(self._scene, self._cable))
-        self._twist()
-
-    def _twist(self) -> None:
-        """Let the twist come into equilibrium, too, or warn."""
-        cable = self._cable
-        if cable.model.has(BISHOP) and not self._with_twist():
-            what = "natural shape causes" if cable.model.has(MATERIAL) else "moments cause"
-            warnings.warn(
-                f"initial.shape: the search for the twist that the {what} did not converge; the "
-                "cable moves after the start: let it come to rest, or check cable.shear_modulus",
-                stacklevel=2,
-            )
 
     def _keep_length(self, resting: bool) -> bool:
         """Whether a cable of constant length came to that length, with `resting` to rest there,
@@ -267,19 +232,17 @@ class _FirstShape:
         if not cable.model.has(CONTACT):
             return self._follow_free(way)
         least, best = np.inf, (cable.state.copy(), self._across)
-        ways = [
+        straight = [
             _Way(scene, self._geometries, axes, d) for d in _directions(scene, self._geometries)
         ]
         lowered = way.u.size > 1 and all(body.shape in LAID for body in scene.bodies)
-        for one in [way, *ways] if lowered else [*ways, way]:
+        for one in [way, *straight] if lowered else [*straight, way]:
             points, self._across = None, way.across if one is way else None
-            if one is way:
-                points = self._hung(way)
-                if points is None:
-                    continue
-            else:
+            if one is not way:
                 one.begin_clear(cable.model.origin)
-            if self._follow_from(one, 0.0, points, TOUCHING_STEPS):
+            elif (points := self._hung(way)) is None:
+                continue
+            if self._follow_from(one, 0.0, points):
                 fault = self._fault()
                 if fault < least:
                     least, best = fault, (cable.state.copy(), self._across)
@@ -304,11 +267,11 @@ class _FirstShape:
         """
         cable, law = self._cable, self._cable.arrays.contact.law
         stiff = law[:, STIFFNESS].copy()
-        law[:, STIFFNESS] = 0.0
+        law[:, STIFFNESS], self._touching = 0.0, False
         try:
             found = self._follow_free(way)
         finally:
-            law[:, STIFFNESS] = stiff
+            law[:, STIFFNESS], self._touching = stiff, True
         if not found:
             return None
         points = cable.points
@@ -329,46 +292,37 @@ class _FirstShape:
         u = np.linspace(0.0, self._scene.cable.length, PLACES)
         return np.asarray(bspline.evaluate(points, model.knots, u) + model.origin)
 
-    def _follow_from(
-        self, way: _Way, begin: float, points: Array | None = None, steps: int = STEPS
-    ) -> bool:
+    def _follow_from(self, way: _Way, begin: float, points: Array | None = None) -> bool:
         """Whether the search from a share of the way on ended in equilibrium.
 
         Args:
             points: control points to begin with; default: straight, or an arc.
         """
-        cable = self._cable
+        cable, steps = self._cable, TOUCHING_STEPS if self._touching else STEPS
+        u = bspline.greville(cable.model.knots)
         if points is None:
             points = np.zeros((cable.model.n, 4))
             points[:, :3] = first_shape(self._scene, way.at(begin), cable.model.knots)
         self._put_on(way, begin, points, anew=True)
-        if not self._rests(begin):
-            self._place_ends(way, 1.0)
-            return False
-        share, step = begin, (1.0 - begin) / steps
-        shape = cable.points
-        last: tuple[Array, float] | None = None  # changes of shape and share by the last step
-        while share < 1.0:
+        share, step, rate = begin, (1.0 - begin) / steps, None  # of the shape in the last step
+        found = self._rests(begin)
+        while found and share < 1.0:
             there = share + step if share + step < 1.0 - LEAST_STEP else 1.0
-            guess = shape.copy()
-            if last is None or steps != STEPS:
-                u = bspline.greville(cable.model.knots)
+            before, shape = cable.state.copy(), cable.points
+            if rate is None or self._touching:
+                rate = np.zeros_like(shape)
                 for axis in range(3):
-                    guess[:, axis] -= (there - share) * np.interp(u, way.u, way.back[:, axis])
-            else:
-                guess += (there - share) / last[1] * last[0]
-            before = cable.state.copy()
-            self._put_on(way, there, guess)
+                    rate[:, axis] = -np.interp(u, way.u, way.back[:, axis])
+            self._put_on(way, there, shape + (there - share) * rate)
             if self._rests(there):
-                last = cable.points - shape, there - share
-                share, shape = there, cable.points
+                share, rate = there, (cable.points - shape) / (there - share)
                 continue
-            cable.state[:] = before
-            last, step = None, 0.4 * step
-            if step < LEAST_STEP:
-                self._place_ends(way, 1.0)
-                return False
-        return True
+            cable.state[:], rate = before, None
+            step *= 0.4
+            found = step >= LEAST_STEP
+        if not found:
+            self._place_ends(way, 1.0)
+        return found
 
     def _place_ends(self, way: _Way, share: float) -> None:
         """Put what holds the cable at a share of the way."""
@@ -392,38 +346,37 @@ class _FirstShape:
         """
         cable = self._cable
         _nudge(cable, self._across)
-        more = share < 1.0 or (self._flow is not None and cable.model.has(BISHOP))
+        at_end = share == 1.0 and self._touching == cable.model.has(CONTACT)
+        more = not at_end or (self._flow is not None and cable.model.has(BISHOP))
         rest = ROUGH if more else TOLERANCE
-        if cable.model.has(CONTACT):
-            found = self._touches(share, rest)
-        else:
-            found = relax(cable, rest=rest) if share < 1.0 else self._relax_with_flow(rest)
+        found = not self._touching or self._lies(at_end)
+        if at_end:
+            found = found and self._relax_with_flow(rest)
+        elif not self._touching:
+            found = relax(cable, rest=rest, across=self._across)
         return found and not unexplained_stretch(cable.model, cable.points, self._ends)
 
-    def _touches(self, share: float, rest: float) -> bool:
-        """`_rests` with obstacles, which are softer on the way. At its end a guided cable is let
-        go, unless its shape counts as it is.
+    def _lies(self, at_end: bool) -> bool:
+        """Whether a rough equilibrium on softer obstacles was found. At the end of the way a guided
+        cable is let go, unless its shape on the obstacles of the scene counts as it is.
         """
         cable, law = self._cable, self._cable.arrays.contact.law
-        stiff = law[:, 0].copy()
+        stiff = law[:, STIFFNESS].copy()
+        soft = np.minimum(stiff, self._soft())
         try:
-            law[:, 0] = np.minimum(stiff, self._soft())
+            law[:, STIFFNESS] = soft
             found = relax(cable, rest=ROUGH, across=self._across)
-            if share < 1.0 or not found or not stiff.any():
+            if not found or not at_end or self._across is None:
                 return found
-            if self._across is not None:
-                before, law[:, 0] = cable.state.copy(), stiff
-                if relax(cable, rest=ROUGH, across=self._across) and self._is_upright():
-                    return self._relax_with_flow(rest)
-                cable.state[:], self._across = before, None
-                law[:, 0] = np.minimum(stiff, self._soft())
-                _nudge(cable)
-                if not relax(cable, rest=ROUGH):
-                    return False
-            law[:, 0] = stiff
-            return self._relax_with_flow(rest)
+            before, law[:, STIFFNESS] = cable.state.copy(), stiff
+            if relax(cable, rest=ROUGH, across=self._across) and self._is_upright():
+                return True
+            cable.state[:], self._across = before, None
+            law[:, STIFFNESS] = soft
+            _nudge(cable)
+            return relax(cable, rest=ROUGH)
         finally:
-            law[:, 0] = stiff
+            law[:, STIFFNESS] = stiff
 
     def _soft(self) -> Array:
         """Stiffness [N/m^2] of obstacles into which the cable sinks by SINKS diameters under its
@@ -468,10 +421,9 @@ class _FirstShape:
         )
         return True
 
-    # -- with the twist that acts on the shape ----------------------------------------------------
-
-    def _with_twist(self) -> bool:
-        """Whether shape and twist that acts on the shape are in stable equilibrium together.
+    def _twist(self) -> None:
+        """Bring shape and twist that acts on the shape into stable equilibrium together, or leave
+        the cable close to rest, with a UserWarning.
 
         What holds the roll turns with the Bishop frame, so that it holds the cable at its twist
         angle whatever the shape. A natural shape may have no stable equilibrium of this kind; then
@@ -479,7 +431,7 @@ class _FirstShape:
         """
         cable, account = self._cable, self._cable.account
         before = cable.state.copy()
-        for rolls in (True, False):
+        for rolls in (True, False) if cable.model.has(BISHOP) else ():
             cable.state[:] = before
             if self._lay:
                 self._lay()
@@ -488,13 +440,17 @@ class _FirstShape:
             found = relax(cable, lay, twist=True, rolls=rolls, across=self._across)
             account.slip = 0.0
             cable.flow()
+            self._ends.take_frame_turns(cable.frame_turn)
+            cable.motion[:] = self._ends.motion
             if found:
-                break
-        self._ends.take_frame_turns(cable.frame_turn)
-        cable.motion[:] = self._ends.motion
-        return found
-
-    # -- by steps in time -------------------------------------------------------------------------
+                return
+        if cable.model.has(BISHOP):
+            what = "natural shape causes" if cable.model.has(MATERIAL) else "moments cause"
+            warnings.warn(
+                f"initial.shape: the search for the twist that the {what} did not converge; the "
+                "cable moves after the start: let it come to rest, or check cable.shear_modulus",
+                stacklevel=2,
+            )
 
 
 class _Way:
@@ -578,17 +534,12 @@ class _Way:
         back = {geometry.u: way for (_, geometry), way in zip(self._places, self.back, strict=True)}
         for name, turn in self._turns.items() if share < 1.0 else ():
             geo = self._geometries[name]
-            orientation = rotations.multiply(
-                rotations.from_rotation_vector((share - 1.0) * turn), geo.orientation
-            )
-            shift = (1.0 - share) * back.get(geo.u, np.zeros(3))
-            arm = rotations.rotate(
-                rotations.conjugate(geo.orientation), geo.attachment - geo.position
-            )
-            attachment = geo.attachment + shift
-            position = attachment - rotations.rotate(orientation, arm)
+            turned = rotations.from_rotation_vector((share - 1.0) * turn)
+            arm = rotations.rotate(turned, geo.attachment - geo.position)
+            attachment = geo.attachment + (1.0 - share) * back.get(geo.u, np.zeros(3))
+            orientation = rotations.multiply(turned, geo.orientation)
             moved[name] = replace(
-                geo, position=position, orientation=orientation, attachment=attachment
+                geo, position=attachment - arm, orientation=orientation, attachment=attachment
             )
         return moved
 
@@ -755,13 +706,6 @@ def _nudge(cable: Cable, across: Array | None = None) -> None:
         push[: len(across)] -= across[:, None] * (across[:, None] * push[: len(across)]).sum(axis=0)
     way = cable.free_acceleration(push)
     cable.x[:] += NUDGE * length / max(np.abs(way).max(), 1e-300) * way
-
-
-def _relative_movement(cable: Cable, before: Array) -> float:
-    """Largest movement from configuration `before`, relative to the length or 1 rad."""
-    moved = np.abs(cable.x - before).max(axis=1)
-    dim = len(cable.model.axes)
-    return float(max(moved[:dim].max() / cable.model.knots[-1], moved[dim:].max(initial=0.0)))
 
 
 class _Search:
