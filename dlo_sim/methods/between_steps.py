@@ -144,10 +144,15 @@ def forces_now(address, t, out):
     load_force(cable, cable.state.x, t, f)
 
 
-@piece(void, int64)
-def stiffness(address):
-    """`set_stiffness` with the tension of the present shape."""
-    set_stiffness(cable_at(address), NO)
+@piece(void, int64, boolean)
+def stiffness(address, moments):
+    """`set_stiffness` with the tension of the present shape, and with `moments` that of the applied
+    moments, which depend on the tangent, at time zero.
+    """
+    cable = cable_at(address)
+    set_stiffness(cable, NO)
+    if moments:
+        add_load_stiffness(cable, cable.state.x, 0.0, 1.0, cable.work.band)
 
 
 @piece(void, CABLE, boolean)
@@ -164,15 +169,6 @@ def set_stiffness(cable, predicted):
         contact.add_tangent(cable, NO, x, x, 2.0, band)
     add_springs(cable, 1.0, band)
     slide_tangent(cable, NO, x, x, 2.0, band)
-
-
-@piece(void, int64)
-def moment_stiffness(address):
-    """Add the stiffness of the applied moments, which depend on the tangent, at time zero to
-    `work.band`.
-    """
-    cable = cable_at(address)
-    add_load_stiffness(cable, cable.state.x, 0.0, 1.0, cable.work.band)
 
 
 @piece(int64, int64, ARRAY_2D, boolean)

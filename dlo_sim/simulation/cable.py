@@ -609,21 +609,24 @@ class Cable:
         self.call(between_steps.held_force, t, lines, held)
         return held
 
-    def stiffness(self) -> Array:
+    def stiffness(self, moments: bool = False) -> Array:
         """Hessian of the potential energy with respect to the spatial lines, as a band matrix.
+
+        Args:
+            moments: with the (unsymmetric) stiffness of the moments at time zero.
 
         Returns:
             A view of the working memory, shape (n dim, width); entry (r, c) is at
             [r, c - r + 4 dim - 1].
         """
-        self.call(between_steps.stiffness)
+        self.call(between_steps.stiffness, moments)
         return self.band
 
     def take_tension(self, at_rest: bool) -> None:
         """Set the tension to that of the strain of the present shape, unless `at_rest` to zero."""
         self.arrays.state.tension[:] = 0.0
         if at_rest:
-            self.call(between_steps.stiffness)
+            self.call(between_steps.stiffness, False)
 
     @property
     def band(self) -> Array:
@@ -634,10 +637,6 @@ class Cable:
     def unbalanced(self) -> Array:
         """Right-hand side of the last Newton correction of an implicit step [N], shape (n, dim)."""
         return self.arrays.work.unbalanced.reshape(self.model.n, -1)
-
-    def add_moment_stiffness(self) -> None:
-        """Add the (unsymmetric) stiffness of the moments at time zero to the band matrix."""
-        self.call(between_steps.moment_stiffness)
 
     def solve_held(self, unknowns: Array, transposed: bool = False) -> int:
         """Solve band x = unknowns, or band^T x = unknowns, in place with the constraint rows fixed.
