@@ -75,7 +75,10 @@ SPIN = 0.16  # of the length: radius of gyration of the twist in pseudo-time
 COLOURS = 7  # control points that far apart do not act on each other
 
 
-@piece((int64, float64), int64, float64, ARRAY, ARRAY_2D, ARRAY, float64, boolean, boolean)
+GIVEN = int64, float64, ARRAY, ARRAY_2D, ARRAY, float64, boolean, boolean
+
+
+@piece((int64, float64), *GIVEN)
 def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
     """One step of pseudo-time `pseudo` [s^2] in place.
 
@@ -127,9 +130,9 @@ def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
     return 0, 0.0
 
 
-@piece(boolean, int64, float64, ARRAY, ARRAY_2D, float64, boolean)
-def is_stable(address, pseudo, guide, begun, length, twist):
-    """Whether the matrix of a step of this pseudo-time at the present shape is positive."""
+@piece(boolean, *GIVEN)
+def is_stable(address, pseudo, guide, begun, anchors, length, twist, rolls):
+    """Whether the matrix of such a step at the present shape is positive."""
     clear(cable_at(address).work.change)
     return correct(address, pseudo, grid(guide), grid(begun), length, NO, twist, NO)
 

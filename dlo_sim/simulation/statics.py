@@ -69,7 +69,7 @@ STEPS = 2  # from there, unless more are needed
 TOUCHING_STEPS = 20  # the same where there are obstacles
 SINKS = 0.05  # diameters, into obstacles on the way
 LAID = "plane", "box"  # obstacles on which a cable lies that is lowered
-GUIDED = 1e3  # stiffness of the guide of a cable that is lowered, in that of `_Search.first_step`
+GUIDED = 1e3  # stiffness of the guide of a lowered cable, in its mass over pseudo-time of its fall
 TOPPLES = 100.0  # square of the rate at which a shape that counts may topple, in gravity per length
 MOST_LIFTS = 200  # of the straight cable, to be clear of them
 CLEAN = 0.1  # diameters, depth in an obstacle or in itself below which no other way is tried
@@ -200,7 +200,7 @@ class _FirstShape:
         if resting:
             return self._rests(1.0)
         search = _Search(cable)
-        done = search.step(PROJECTING * search.first_step)[0] > 0
+        done = search.step(PROJECTING * search.first)[0] > 0
         cable.take_tension(at_rest=False)
         return done
 
@@ -664,7 +664,7 @@ def relax(
     """
     cable.w[:] = 0.0
     search = _Search(cable, twist, rolls, across)
-    pseudo = search.first_step
+    pseudo = search.first
     least, stuck, ceiling, smooth, nudged = np.inf, 0, np.inf, 0, False
     progress = SLOW if after_step else FAST
     for _ in range(TURNING_STEPS if rolls else MAX_STEPS):
@@ -712,41 +712,31 @@ class _Search:
     """The steps of one search (`relax_step`) for the spatial lines, or with `twist` for all lines.
 
     Attributes:
-        patient: pseudo-time [s^2] of steps that see the whole stiffness: the cable falls by many
-            times its length meanwhile.
+        first: pseudo-time [s^2] in which the first guess moves by a percent of the length. patient:
+            that of steps that see the whole stiffness, in which the cable falls by many times it.
     """
 
     def __init__(
-        self,
-        cable: Cable,
-        twist: bool = False,
-        rolls: bool = False,
-        across: Array | None = None,
+        self, cable: Cable, twist: bool = False, rolls: bool = False, across: Array | None = None
     ) -> None:
-        self._cable, model = cable, cable.model
-        self._twist, self._rolls = twist, rolls
-        self._length = float(model.knots[-1])
-        self._begun, self._anchors = cable.padded(cable.x), cable.anchors.copy()
-        dim = len(model.axes)
-        pull = float(np.abs(cable.forces()[:dim] * ~model.held_mask()[:dim]).sum())
+        self._cable, model, dim = cable, cable.model, len(cable.model.axes)
+        # At fixed twist the stiffness of a cable with a natural shape says little.
+        self._unknown = model.has(MATERIAL) and not twist
+        length, pull = float(model.knots[-1]), np.abs(cable.forces()[:dim])
         inertia = float(mass.multiply(model.mass(0), np.ones(model.n)).sum())
-        self._fall = inertia * self._length / max(pull, TINY)
-        self.patient = 100.0 * self._fall
-        self._guide = np.zeros(dim) if across is None else across * math.sqrt(GUIDED / self._fall)
-
-    @property
-    def first_step(self) -> float:
-        """Pseudo-time [s^2] in which the first guess moves by a percent of the length."""
-        return 0.01 * self._fall
+        fall = inertia * length / max(float((pull * ~model.held_mask()[:dim]).sum()), TINY)
+        self.first, self.patient = 0.01 * fall, 100.0 * fall
+        guide = np.zeros(dim) if across is None else across * math.sqrt(GUIDED / fall)
+        begun, anchors = cable.padded(cable.x), cable.anchors.copy()
+        self._given = guide, begun, anchors, length, twist, rolls
 
     def step(self, pseudo: float) -> tuple[int, float]:
         """One backward Euler step in place; iterations (0: not converged) and the largest move.
 
         The move is a share of the length, or an angle [rad].
         """
-        state, given = self._cable.state.copy(), (self._guide, self._begun, self._anchors)
-        more = self._length, self._twist, self._rolls
-        iterations, moved = self._cable.call(relax_step.relax_step, pseudo, *given, *more)
+        state = self._cable.state.copy()
+        iterations, moved = self._cable.call(relax_step.relax_step, pseudo, *self._given)
         if iterations == 0:
             # The frames, too, which may hold no numbers where the correction was far too large.
             self._cable.state[:] = state
@@ -754,10 +744,7 @@ class _Search:
 
     def stable(self, pseudo: float = 0.0) -> bool:
         """Whether the stiffness of the present shape is positive, up to round-off, or up to that of
-        the mass over the pseudo-time [s^2]. That of a cable with a natural shape at fixed twist
-        says little.
+        the mass over the pseudo-time [s^2].
         """
-        if self._cable.model.has(MATERIAL) and not self._twist:
-            return True
-        given = pseudo or STEADY * self.patient, self._guide, self._begun, self._length
-        return bool(self._cable.call(relax_step.is_stable, *given, self._twist))
+        given = pseudo or STEADY * self.patient, *self._given
+        return self._unknown or bool(self._cable.call(relax_step.is_stable, *given))
