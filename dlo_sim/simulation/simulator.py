@@ -75,7 +75,7 @@ from dlo_sim.simulation.resolution import continued, resolved
 from dlo_sim.simulation.selection import check_named_method, choose, is_implicit
 from dlo_sim.simulation.soundness import judged, sound_now
 from dlo_sim.simulation.start_from_points import cable_through
-from dlo_sim.simulation.statics import place
+from dlo_sim.simulation.statics import FirstShape
 from dlo_sim.simulation.stepper import Along, Stepper
 from dlo_sim.simulation.waiting_motions import Waiting
 
@@ -201,10 +201,11 @@ class Simulator:
         return found
 
     def _place(self, near: Simulator | None, continues: bool) -> bool:
-        """Put the cable into its first shape (`statics.place`)."""
+        """Put the cable into its first shape (`statics.FirstShape`)."""
         lay = self._lay_unslipped if self._natural.follows else None
         shape = self.cable.shape_of(near.cable, near.time)[0] if near else None
-        return place(self.scene, self._geometries, self.ends, self.cable, lay, shape, continues)
+        first = FirstShape(self.scene, self._geometries, self.ends, self.cable, lay)
+        return first.place(shape, continues)
 
     # -- what it is -------------------------------------------------------------------------------
 

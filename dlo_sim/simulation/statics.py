@@ -1,12 +1,11 @@
 """The first shape of a cable: straight, an arc, or in static equilibrium under its loads.
 
-`place` is the entry. The search for an equilibrium follows a way: it starts where the ends are easy
-to reach, on a sagging arc between ends not nearer than EASY of the length of cable between them, on
-the way from the straight cable to where the scene has them. It then moves and turns the ends along
-that way, in steps that adapt themselves, and the cable is at rest under its loads after every step.
-So where there are several equilibria, it finds the one that grippers reach that move together from
-the straight cable: from an arc at the end of the way, 16 of 130 everyday scenes ended in another
-one.
+The search for an equilibrium follows a way: it starts where the ends are easy to reach, on a
+sagging arc between ends not nearer than EASY of the length of cable between them, on the way from
+the straight cable to where the scene has them. It then moves and turns the ends along that way, in
+steps that adapt themselves, and the cable is at rest under its loads after every step. So where
+there are several equilibria, it finds the one that grippers reach that move together from the
+straight cable: from an arc at the end of the way, 16 of 130 everyday scenes ended in another one.
 
 Where there are obstacles, the cable hangs above them in the shape that it has without them, and is
 lowered in small steps: in a long one, it would go through what it should lie on. Where that does
@@ -92,41 +91,13 @@ STEADY = 1e5  # pseudo-time of the stiffness that must be positive at rest, in `
 PROJECTING = 1e-4  # of the first step, in which a cable only comes to its length
 
 
-def place(
-    scene: Scene,
-    geometries: Geometries,
-    ends: EndDrive,
-    cable: Cable,
-    lay: Lay | None = None,
-    near: Array | None = None,
-    continues: bool = False,
-) -> bool:
-    """Put a cable into the scene's first shape, at rest.
-
-    Without equilibrium it is straight, or an arc where its ends are nearer than its length; or
-    where the arc would leave a clamp backwards, the shape of grippers that moved together. Where
-    the twist that a natural shape causes is not found, the cable is only placed close to rest, with
-    a UserWarning.
+class FirstShape:
+    """The search for the first shape of one cable.
 
     Args:
         lay: aligns the natural shape with the material frames of the present shape and lets plastic
             flow follow; None if there is neither.
-        near: control points (n, 4); where the first shape is an equilibrium, it is the one nearest
-            to these. Default: the one that grippers reach which move together.
-        continues: another shape will replace this one, so none is looked for, nor refused.
-
-    Returns:
-        Whether what presses it is to stay: in equilibrium, or until the other shape is there.
-
-    Raises:
-        SceneError: no equilibrium was found, a cable of constant length cannot reach both ends, or
-            the cable begins in an obstacle.
     """
-    return _FirstShape(scene, geometries, ends, cable, lay).place(near, continues)
-
-
-class _FirstShape:
-    """The search for the first shape of one cable."""
 
     def __init__(
         self, scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable, lay: Lay | None
@@ -138,18 +109,37 @@ class _FirstShape:
         self._across: Array | None = None  # to where a guide keeps the cable from moving
         self._touching = cable.model.has(CONTACT)  # whether there are obstacles to follow
 
-    def place(self, near: Array | None, continues: bool) -> bool:
-        """See the function `place`."""
+    def place(self, near: Array | None = None, continues: bool = False) -> bool:
+        """Put the cable into the scene's first shape, at rest.
+
+        Without equilibrium it is straight, or an arc where its ends are nearer than its length; or
+        where the arc would leave a clamp backwards, the shape of grippers that moved together.
+        Where the twist that a natural shape causes is not found, the cable is only placed close to
+        rest, with a UserWarning.
+
+        Args:
+            near: control points (n, 4); where the first shape is an equilibrium, it is the one
+                nearest to these. Default: the one that grippers reach which move together.
+            continues: another shape will replace this one, so none is looked for, nor refused.
+
+        Returns:
+            Whether what presses it is to stay: in equilibrium, or until the other shape is there.
+
+        Raises:
+            SceneError: no equilibrium was found, a cable of constant length cannot reach both ends,
+                or the cable begins in an obstacle.
+        """
         scene, cable = self._scene, self._cable
         keeps_length = bool(cable.arrays.physics.keeps_length)
         cable.keep_length(False)
         points = np.zeros((cable.model.n, 4))
         points[:, :3] = first_shape(scene, self._geometries, cable.model.knots)
+        held = any(holder.held for holder in scene.holders.values())
         backwards = leaves_clamp_backwards(points, self._ends)
         resting = _wants_equilibrium(scene, self._geometries)
         if scene.initial.shape == "auto" and scene.terms.twist != "frenet":
             # A straight cable that begins in an obstacle is none that somebody lays there.
-            resting = resting or (self._is_held and self._inside(points[:, :3]) != "")
+            resting = resting or (held and self._inside(points[:, :3]) != "")
         searched = resting or backwards
         if near is not None and searched:
             points = near.copy()
@@ -179,7 +169,7 @@ class _FirstShape:
             raise SceneError(_cause(scene, cable))
         points = cable.points
         if wrong := self._inside(points[:, :3]):
-            cure = "" if resting or not self._is_held else ", or set initial.shape to equilibrium"
+            cure = "" if resting or not held else ", or set initial.shape to equilibrium"
             raise SceneError(f"{wrong}; move the obstacle or the cable's ends{cure}")
         cable.put(points, np.zeros_like(points))
         return resting
@@ -203,10 +193,6 @@ class _FirstShape:
         done = search.step(PROJECTING * search.first)[0] > 0
         cable.take_tension(at_rest=False)
         return done
-
-    @property
-    def _is_held(self) -> bool:
-        return any(holder.held for holder in self._scene.holders.values())
 
     def _inside(self, points: Array) -> str:
         """One line if the cable begins inside an obstacle (`obstacles.inside`), else empty."""
@@ -384,12 +370,10 @@ class _FirstShape:
         """
         scene, cable = self._scene, self._scene.cable
         length, thick = cable.length, cable.diameter
-        radii = [
-            length if body.shape == "plane" else max(bend_radius(scene, body), thick)
-            for body in scene.bodies
-        ]
+        radii = np.array([max(bend_radius(scene, body), thick) for body in scene.bodies])
+        radii[[body.shape == "plane" for body in scene.bodies]] = length
         bent = cable.EI * (RADIUS[True] / length) ** 3
-        return (cable.mu * EARTH * length / np.array(radii) + bent) / (SINKS * thick)
+        return np.asarray((cable.mu * EARTH * length / radii + bent) / (SINKS * thick))
 
     def _is_upright(self) -> bool:
         """Whether friction, which no search knows, may hold the cable: it lies in the plane in
@@ -519,10 +503,8 @@ class _Way:
         up /= max(math.hypot(*up), TINY)
         diameter, lift = scene.cable.diameter, np.zeros(3)
         for _ in range(MOST_LIFTS):
-            gap = min(
-                (float(gaps(body, diameter, line + lift).min()) for body in scene.bodies),
-                default=1.0,
-            )
+            there = (float(gaps(body, diameter, line + lift).min()) for body in scene.bodies)
+            gap = min(there, default=1.0)
             if gap > ABOVE * diameter:
                 break
             lift = lift + max(-gap, 0.5 * diameter) * up
@@ -655,12 +637,11 @@ def relax(
 ) -> bool:
     """Move a cable to a nearby stable equilibrium at rest; true if it was reached.
 
-    Damping plays no part, and sine loads are at their value at time zero. The twist stays as
-    it is, or with `twist` both are found together. `after_step` may change the natural and plastic
-    curvature after each step of the search, which then converges linearly.
-    `rest` is the movement of a step [of the length, or rad] that counts as rest; `rolls` says
-    that what holds the roll turns with the Bishop frame. `across` is a unit vector along which a
-    guide hardly lets the cable move: there it is not in equilibrium.
+    Damping plays no part, and sine loads are at their value at time zero. `after_step` may change
+    the natural and plastic curvature after each step of the search, which then converges linearly.
+    `rest` is the movement of a step [of the length, or rad] that counts as rest; `twist` and
+    `rolls` are those of `relax_step`. `across` is a unit vector along which a guide hardly lets the
+    cable move: there it is not in equilibrium.
     """
     cable.w[:] = 0.0
     search = _Search(cable, twist, rolls, across)
