@@ -53,7 +53,14 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import inextensible
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
-from dlo_sim.simulation.geometry import Geometries, Geometry, first_shape, held_places
+from dlo_sim.simulation.geometry import (
+    LEVEL,
+    Geometries,
+    first_shape,
+    held_places,
+    laying_directions,
+    straight_direction,
+)
 from dlo_sim.simulation.obstacles import PLACES, bend_radius, gaps, inside
 from dlo_sim.simulation.resolution import RADIUS, resolved
 from dlo_sim.simulation.self_contact import nearest
@@ -61,7 +68,6 @@ from dlo_sim.simulation.soundness import leaves_clamp_backwards, unexplained_str
 
 Array = NDArray[np.float64]
 Lay = Callable[[], None]
-
 
 EASY = 0.8  # distance of the ends, in lengths of the cable between them, where the search begins
 STEPS = 2  # from there, unless more are needed
@@ -74,7 +80,6 @@ MOST_LIFTS = 200  # of the straight cable, to be clear of them
 CLEAN = 0.1  # diameters, depth in an obstacle or in itself below which no other way is tried
 ABOVE = -0.01  # diameters, gap of a cable that counts as above an obstacle
 FLAT = 1e-9  # of the length, distance from a plane that counts as none
-LEVEL = 1e-3  # share of a tangent across gravity that says in which direction it leads
 TINY = 1e-300
 LEAST_STEP = 1e-3  # of the way
 ROUGH = 1e-3  # of the length, movement that counts as rest on the way
@@ -87,7 +92,6 @@ FAST, SLOW = 0.5, 0.9  # movement that counts as progress, relative to the least
 PATIENCE = 6  # steps without progress after which they do not
 NUDGE = 1e-6  # of the length
 STEADY = 1e5  # pseudo-time of the stiffness that must be positive at rest, in `_Search.patient`
-
 PROJECTING = 1e-4  # of the first step, in which a cable only comes to its length
 
 
@@ -153,8 +157,8 @@ class FirstShape:
             raise SceneError(
                 "initial.shape: no equilibrium is available with terms.twist frenet; use straight"
             )
-        if near is not None and searched and cable.model.has(CONTACT):
-            self._across = _Way(scene, self._geometries, cable.model.axes).across
+        if near is not None and searched and self._touching:
+            self._across = _Way(scene, self._geometries, cable.model.axes, None).across
         if near is not None and searched and self._rests(1.0):
             self._twist()
         elif resting:
@@ -214,13 +218,12 @@ class FirstShape:
         the best one.
         """
         cable, scene, axes = self._cable, self._scene, self._cable.model.axes
-        way = _Way(scene, self._geometries, axes)
+        way = _Way(scene, self._geometries, axes, None)
         if not cable.model.has(CONTACT):
             return self._follow_free(way)
         least, best = np.inf, (cable.state.copy(), self._across)
-        straight = [
-            _Way(scene, self._geometries, axes, d) for d in _directions(scene, self._geometries)
-        ]
+        directions = laying_directions(scene, self._geometries)
+        straight = [_Way(scene, self._geometries, axes, direction) for direction in directions]
         lowered = way.u.size > 1 and all(body.shape in LAID for body in scene.bodies)
         for one in [way, *straight] if lowered else [*straight, way]:
             points, self._across = None, way.across if one is way else None
@@ -442,7 +445,7 @@ class _Way:
     0) to where the scene has it (share 1): positions move straight, tangents turn the shortest way.
 
     Args:
-        direction: of the straight cable; default: from the first to the last held point; if they
+        direction: of the straight cable; None: from the first to the last held point; if they
             coincide, as the tangents do on average; if only one point is held, along gravity.
 
     Attributes:
@@ -453,16 +456,12 @@ class _Way:
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        geometries: Geometries,
-        axes: tuple[int, ...],
-        direction: Array | None = None,
+        self, scene: Scene, geometries: Geometries, axes: tuple[int, ...], direction: Array | None
     ) -> None:
         self._scene, self._geometries, self._axes = scene, geometries, axes
         self._places = held_places(scene, geometries)
         self.u = np.array([u for u, _ in self._places])
-        direction = _straight(scene, self._places) if direction is None else direction
+        direction = straight_direction(scene, self._places) if direction is None else direction
         at = np.array([geometry.attachment for _, geometry in self._places])
         line = np.outer(self.u, direction)
         self.direction = direction
@@ -551,37 +550,6 @@ class _Way:
             if leaves * (np.cross(axis, direction) * self._scene.gravity).sum() < 0.0:
                 axis = -axis
         return np.asarray(axis * (angle / math.hypot(*axis)))
-
-
-def _straight(scene: Scene, places: list[tuple[float, Geometry]]) -> Array:
-    """Direction of the straight cable that is held at these places."""
-    (_, first), (_, last) = places[0], places[-1]
-    tangents = np.sum([rotations.rotate(geo.orientation, geo.tangent) for _, geo in places], axis=0)
-    gravity = np.array(scene.gravity)
-    choices = [last.attachment - first.attachment, tangents, gravity, np.array([1.0, 0.0, 0.0])]
-    if len(places) == 1:
-        choices = choices[2:1:-1] + choices[1:2]
-    for choice in choices:
-        size = math.hypot(*choice)
-        if size > 1e-6 * scene.cable.length:
-            return np.asarray(choice / size)
-    return choices[-1]
-
-
-def _directions(scene: Scene, geometries: Geometries) -> list[Array]:
-    """Directions of the straight cable to begin with where there are obstacles: from the first to
-    the last held point, and as the cable leaves them; of a single one, along its tangent where that
-    is level, so that the cable is laid down in the direction in which it leaves.
-    """
-    places = held_places(scene, geometries)
-    tangents = [rotations.rotate(geo.orientation, geo.tangent) for _, geo in places]
-    if len(places) == 1:
-        gravity = np.array(scene.gravity)
-        down = gravity / max(math.hypot(*gravity), TINY)
-        level = tangents[0] - (tangents[0] * down).sum() * down
-        size = math.hypot(*level)
-        return [level / size] if size > LEVEL else [_straight(scene, places)]
-    return [_straight(scene, places), tangents[0], tangents[-1]]
 
 
 def _wants_equilibrium(scene: Scene, geometries: Geometries) -> bool:
