@@ -169,10 +169,7 @@ class Bench:
         """Hessian of the potential energy in the axes of the scene, shape (n dim, n dim), control
         point by control point; with that of the moments."""
         self.put(points)
-        band = self.cable.stiffness()
-        if moments:
-            self.cable.add_moment_stiffness()
-        return spectrum.dense(band, 4 * len(self.axes) - 1)
+        return spectrum.dense(self.cable.stiffness(moments), 4 * len(self.axes) - 1)
 
     def mass(self):
         """Mass matrix over all (n, lines) degrees of freedom, shape (n lines, n lines)."""

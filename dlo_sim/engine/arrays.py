@@ -377,14 +377,12 @@ class Work(Group):
     unbalanced = Reals("unknowns")  # right-hand side of the last correction
     step = Reals("unknowns")  # a correction in world coordinates
     nudge = Reals("lines", "columns")  # the same by line
-    nudge = Reals("lines", "columns")  # the same by line
     corrections = Reals(MOST_CORRECTIONS, "unknowns")  # with the present matrix
     correction_scale = Reals(MOST_CORRECTIONS)  # 1 / |s|^2 of each
     factors = Lanes("samples", 49)  # of the Jacobian of a block (`engine.elastic`)
     force_moments = Lanes(4, 3)  # for the projected strain: 1, xi, xi^2, xi^3 by direction
     strain_moments = Lanes(4, 3)
     flow_moments = Lanes(4, 3)
-    tension_before = Lanes("blocks", 2)  # before the last correction
     tension_before = Lanes("blocks", "samples")  # the last correction
     tension_start = Lanes("blocks", "samples")  # the step
     guard = Lanes(25)  # gradient of the span guard on a block, and factors of its Jacobian

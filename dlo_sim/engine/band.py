@@ -32,6 +32,7 @@ from dlo_sim.compiling.lanes import LANES, lane
 from dlo_sim.compiling.pieces import NO, YES, part, piece
 from dlo_sim.engine.arrays import (
     BETWEEN,
+    BISHOP,
     BORDERED,
     CABLE,
     IMPLICIT,
@@ -310,7 +311,7 @@ def substitute_transposed(band, size, dim, x):
             x[at - half + k] -= row[k] * x[at]
 
 
-@piece(void, CABLE, VECTOR, terms=ROLLING)
+@piece(void, CABLE, VECTOR, terms=ROLLING | BISHOP)
 def substitute_rolling(cable, x):
     """`substitute` with the factors in `work.rolling_band`, in which the twist is the last of four
     unknowns of a control point, with a right-hand side of zero.

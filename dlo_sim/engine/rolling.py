@@ -22,7 +22,7 @@ from numba import boolean, void
 
 from dlo_sim.compiling.lanes import LANES, any_above, lane, lane_sum
 from dlo_sim.compiling.pieces import YES, part, piece
-from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, PADDING, ROLLING, VECTOR
+from dlo_sim.engine.arrays import BISHOP, CABLE, LINES, MARGIN, PADDING, ROLLING, VECTOR
 from dlo_sim.engine.band import (
     clamps_here,
     clear_band,
@@ -203,10 +203,11 @@ def eliminate_impulses(cable, directions, matrix):
     return eliminate_rolling(cable, directions, directions, matrix, YES)
 
 
-@piece(void, CABLE, LINES, VECTOR, LINES, terms=ROLLING)
-def substitute_impulses(cable, push, solved, v):
-    """Solve with the factors of `eliminate_impulses`: `solved` has the impulses on the shape, in
-    the frames of the clamps, and gets its velocities; `push` those on the twist, whose go to v.
+@piece(void, CABLE, LINES, VECTOR, LINES, terms=ROLLING | BISHOP)
+def substitute_with_twist(cable, push, solved, v):
+    """Solve with the factors in `work.rolling_band`: `solved` has the right-hand side of the shape,
+    in the frames of the clamps, and gets its solution; that of the twist is a line of `push`, and
+    its solution is added to one of v.
     """
     side, line = cable.work.rolling_side, cable.dim
     for i in range(cable.n):

@@ -10,8 +10,8 @@ from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, NO, YES, part, piece
-from dlo_sim.engine import account, bishop, contact
-from dlo_sim.engine.arrays import BETWEEN, CONTACT, PADDING, TWISTED, cable_at
+from dlo_sim.engine import account, contact
+from dlo_sim.engine.arrays import BETWEEN, CABLE, CONTACT, PADDING, TWISTED, cable_at
 from dlo_sim.engine.assembly import (
     add_damping,
     all_forces,
@@ -45,7 +45,6 @@ from dlo_sim.engine.lines import (
     solve_mass,
 )
 from dlo_sim.engine.loads import add_load_stiffness, load_force
-from dlo_sim.engine.natural_curvature import natural_force
 from dlo_sim.engine.rows import (
     add_shifts,
     carry,
@@ -61,7 +60,7 @@ from dlo_sim.engine.rows import (
 from dlo_sim.engine.sampling import velocities
 from dlo_sim.engine.sliding import jump_slides, slide_tangent
 from dlo_sim.engine.springs import move_anchors
-from dlo_sim.engine.tension import predict_tension, take_tension
+from dlo_sim.engine.tension import take_tension
 from dlo_sim.methods.works import NATURAL, evaluate, turn_natural_shape
 
 
@@ -146,32 +145,22 @@ def forces_now(address, t, out):
     load_force(cable, cable.state.x, t, f)
 
 
-@piece(void, int64, boolean, ARRAY_2D)
-def twist_forces(address, by_frame, out):
-    """out += forces at the present configuration that couple the twist to the shape: those of the
-    twist of the Bishop frame, and unless `by_frame` those of natural curvature and of the loads at
-    time zero.
-    """
-    cable, f = cable_at(address), grid(out)
-    x = cable.state.x
-    if not by_frame:
-        natural_force(cable, x, x, YES, YES, f)
-        load_force(cable, x, 0.0, f)
-    bishop.force(cable, x, x, f)
-
-
-@piece(void, int64)
-def follow_shape(address):
-    """`bishop.follow_shape`: measure the twist angles in the Bishop frame of the present shape."""
-    bishop.follow_shape(cable_at(address))
-
-
 @piece(void, int64, boolean)
-def stiffness(address, predicted):
-    """`work.band` = Hessian of the potential energy with respect to the spatial lines, if
-    `predicted` with the tension that `predict` left instead of that of the present shape.
+def stiffness(address, moments):
+    """`set_stiffness` with the tension of the present shape, and with `moments` that of the applied
+    moments, which depend on the tangent, at time zero.
     """
     cable = cable_at(address)
+    set_stiffness(cable, NO)
+    if moments:
+        add_load_stiffness(cable, cable.state.x, 0.0, 1.0, cable.work.band)
+
+
+@piece(void, CABLE, boolean)
+def set_stiffness(cable, predicted):
+    """`work.band` = Hessian of the potential energy with respect to the spatial lines, if
+    `predicted` with the predicted tension (`engine.tension`) instead of that of the present shape.
+    """
     band, x = cable.work.band, cable.state.x
     if not predicted:
         take_tension(cable, x, x)
@@ -182,22 +171,6 @@ def stiffness(address, predicted):
         contact.add_tangent(cable, NO, 2.0, band)
     add_springs(cable, 1.0, band)
     slide_tangent(cable, NO, x, x, 2.0, band)
-
-
-@piece(void, int64, ARRAY_2D, family=BETWEEN)
-def predict(address, moved):
-    """`tension.predict_tension` for a motion in lines that comes next."""
-    cable = cable_at(address)
-    predict_tension(cable, cable.state.x, cable.state.x, grid(moved), 1.0)
-
-
-@piece(void, int64)
-def moment_stiffness(address):
-    """Add the stiffness of the applied moments, which depend on the tangent, at time zero to
-    `work.band`.
-    """
-    cable = cable_at(address)
-    add_load_stiffness(cable, cable.state.x, 0.0, 1.0, cable.work.band)
 
 
 @piece(int64, int64, ARRAY_2D, boolean, family=BETWEEN)

@@ -93,7 +93,7 @@ from dlo_sim.engine.rolling import (
     eliminate_impulses,
     eliminate_rolling,
     rolls,
-    substitute_impulses,
+    substitute_with_twist,
 )
 from dlo_sim.engine.rows import (
     add_shifts,
@@ -749,7 +749,7 @@ def stop_contacts(cable, t, tau):
         clear_held(cable, solved, PADDING)
         copy(before, v)
         if cable.terms & ROLLING:
-            substitute_impulses(cable, push, solved, v)
+            substitute_with_twist(cable, push, solved, v)
         else:
             substitute(band, cable.n * dim, dim, solved)
         keep_border(cable, solved)

@@ -230,8 +230,7 @@ def growth(cable: Cable, scene: Scene, free: Array) -> float:
 
     A mode grows with a rate above r where K + r^2 M has a negative eigenvalue.
     """
-    _assemble(cable)
-    band = cable.band.copy()
+    band = cable.stiffness(moments=True).copy()
     if cable.solve_held(np.zeros(len(band))) == 0:
         return 0.0  # stable in all directions, which costs the least to know
     largest = float(np.abs(band).max() / cable.model.mass(0).max())
@@ -242,13 +241,6 @@ def growth(cable: Cable, scene: Scene, free: Array) -> float:
     while _negative(cable, free, 2.0 * rate, twisted):
         rate *= 2.0
     return math.sqrt(2.0) * rate
-
-
-def _assemble(cable: Cable) -> None:
-    """The stiffness of the present shape, with that of moments, in the band matrix."""
-    cable.stiffness()
-    if cable.loads.size and cable.loads[:, 3:6].any():
-        cable.add_moment_stiffness()
 
 
 def _negative(cable: Cable, free: Array, rate: float, twisted: tuple[Array, Array]) -> bool:
@@ -275,11 +267,10 @@ def _negative(cable: Cable, free: Array, rate: float, twisted: tuple[Array, Arra
 
 def _restrict(cable: Cable, free: Array, rate: float) -> None:
     """Write K + rate^2 M across the line or plane, and a multiple of one in it, to the band."""
-    _assemble(cable)
     n, dim = cable.model.n, len(cable.model.axes)
     rows = np.arange(dim)[None, :, None]
     columns = 4 * dim - 1 + dim * np.arange(-3, 4)[:, None, None] + np.arange(dim) - rows
-    band = cable.band.reshape(n, dim, -1)
+    band = cable.stiffness(moments=True).reshape(n, dim, -1)
     blocks = np.einsum(
         "ab,knbc->knac", free, np.einsum("knab,bc->knac", band[:, rows, columns], free)
     )

@@ -427,18 +427,6 @@ class Cable:
         if self.model.has(MATERIAL):
             self.call(follow_to_present)
 
-    def follow_shape(self) -> None:
-        """Go over to the Bishop frame of the present shape: the twist angles and `frame_turn`
-        change, the material frames stay, and the natural shape follows them.
-        """
-        self.call(between_steps.follow_shape)
-
-    def twist_forces(self, by_frame: bool) -> Array:
-        """Forces that couple twist and shape (`between_steps.twist_forces`), shape (lines, n)."""
-        out = self._lines()
-        self.call(between_steps.twist_forces, by_frame, out)
-        return self.shown(out)
-
     def turn_natural(self, rows: Array, turn: Array) -> None:
         """Set the natural shape to these rows, from `to_blocks`, with their vectors turned by a
         matrix (3, 3); the change of energy is work of the grasps.
@@ -590,17 +578,17 @@ class Cable:
         self.call(between_steps.held_force, t, lines, held)
         return held
 
-    def stiffness(self, predicted: bool = False) -> Array:
+    def stiffness(self, moments: bool = False) -> Array:
         """Hessian of the potential energy with respect to the spatial lines, as a band matrix.
 
         Args:
-            predicted: with the tension of `predict_tension` instead of that of the present shape.
+            moments: with the (unsymmetric) stiffness of the moments at time zero.
 
         Returns:
             A view of the working memory, shape (n dim, width); entry (r, c) is at
             [r, c - r + 4 dim - 1].
         """
-        self.call(between_steps.stiffness, predicted)
+        self.call(between_steps.stiffness, moments)
         return self.band
 
     def take_tension(self, at_rest: bool) -> None:
@@ -608,14 +596,6 @@ class Cable:
         self.arrays.state.tension[:] = 0.0
         if at_rest:
             self.call(between_steps.stiffness, False)
-
-    def predict_tension(self, change: Array) -> None:
-        """Predict the tension for a change of the spatial lines, shape (dim, n), that comes next
-        (`engine.tension`).
-        """
-        moved = np.zeros_like(self.x)
-        moved[: len(self.model.axes)] = 2.0 * change[: len(self.model.axes)]
-        self.call(between_steps.predict, self.padded(moved))
 
     @property
     def band(self) -> Array:
@@ -626,10 +606,6 @@ class Cable:
     def unbalanced(self) -> Array:
         """Right-hand side of the last Newton correction of an implicit step [N], shape (n, dim)."""
         return self.arrays.work.unbalanced.reshape(self.model.n, -1)
-
-    def add_moment_stiffness(self) -> None:
-        """Add the (unsymmetric) stiffness of the moments at time zero to the band matrix."""
-        self.call(between_steps.moment_stiffness)
 
     def solve_held(self, unknowns: Array, transposed: bool = False) -> int:
         """Solve band x = unknowns, or band^T x = unknowns, in place with the constraint rows fixed.

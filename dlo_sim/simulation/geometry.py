@@ -19,6 +19,7 @@ Pose = tuple[ArrayLike, ArrayLike]
 # Largest factor of EI, where a jaw holds a whole span. A span that is straight up to its ends keeps
 # its neighbours from bending (with 20, a tip sags 10 % too little; without a limit, 14 %).
 STIFFEST = 8.0
+LEVEL = 1e-3  # share of a tangent across gravity that says in which direction it leads
 NEAREST = 1001  # points of a shape that are searched for the nearest to a gripper
 
 
@@ -78,7 +79,7 @@ def geometries_of(scene: Scene, poses: Mapping[str, Pose] | None = None) -> dict
     """
     poses = {} if poses is None else _checked(scene, poses)
     placed: dict[str, tuple[Array, Array, Array]] = {}
-    straight = _straight_direction(scene, *(np.array(e.position) for e in scene.ends.values()))
+    straight = _direction_between(scene, *(np.array(e.position) for e in scene.ends.values()))
     for name, end in scene.holders.items():
         resting = rotations.IDENTITY
         if end.pose_type == "two_points":
@@ -86,7 +87,7 @@ def geometries_of(scene: Scene, poses: Mapping[str, Pose] | None = None) -> dict
         position, orientation = poses.get(name, (end.position, resting))
         position, orientation = np.asarray(position), np.asarray(orientation)
         placed[name] = (position, orientation, position + rotations.rotate(orientation, end.offset))
-    line = _straight_direction(scene, placed["start"][2], placed["end"][2])
+    line = _direction_between(scene, placed["start"][2], placed["end"][2])
     length, result = scene.cable.length, {}
     coordinates: dict[str, float | None] = {"start": 0.0, "end": length}
     coordinates |= {
@@ -140,7 +141,7 @@ def given_quaternion(name: str, value: object) -> Array:
         raise ValueError(f"{name}: {refusal}; give [0, 0, 0, 1] for no turn") from None
 
 
-def _straight_direction(scene: Scene, start: Array, end: Array) -> Array:
+def _direction_between(scene: Scene, start: Array, end: Array) -> Array:
     """Unit direction from start to end; if they coincide, that of gravity, or x without gravity."""
     line = end - start
     if math.hypot(*line) < 1e-9 * scene.cable.length:
@@ -170,6 +171,37 @@ def held_places(scene: Scene, geometries: Geometries) -> list[tuple[float, Geome
         if geometry.u is not None and scene.holders[name].held
     ]
     return sorted(found, key=lambda place: place[0]) or [(0.0, geometries["start"])]
+
+
+def straight_direction(scene: Scene, places: list[tuple[float, Geometry]]) -> Array:
+    """Direction of the straight cable that is held at these places."""
+    (_, first), (_, last) = places[0], places[-1]
+    tangents = np.sum([rotations.rotate(geo.orientation, geo.tangent) for _, geo in places], axis=0)
+    gravity = np.array(scene.gravity)
+    choices = [last.attachment - first.attachment, tangents, gravity, np.array([1.0, 0.0, 0.0])]
+    if len(places) == 1:
+        choices = choices[2:1:-1] + choices[1:2]
+    for choice in choices:
+        size = math.hypot(*choice)
+        if size > 1e-6 * scene.cable.length:
+            return np.asarray(choice / size)
+    return choices[-1]
+
+
+def laying_directions(scene: Scene, geometries: Geometries) -> list[Array]:
+    """Directions of the straight cable to begin with where there are obstacles: from the first to
+    the last held point, and as the cable leaves them; of a single one, along its tangent where that
+    is level, so that the cable is laid down in the direction in which it leaves.
+    """
+    places = held_places(scene, geometries)
+    tangents = [rotations.rotate(geo.orientation, geo.tangent) for _, geo in places]
+    if len(places) == 1:
+        gravity = np.array(scene.gravity)
+        down = gravity / max(math.hypot(*gravity), 1e-300)
+        level = tangents[0] - (tangents[0] * down).sum() * down
+        size = math.hypot(*level)
+        return [level / size] if size > LEVEL else [straight_direction(scene, places)]
+    return [straight_direction(scene, places), tangents[0], tangents[-1]]
 
 
 def stiffening(scene: Scene, geometries: Geometries, breaks: Array) -> Array:

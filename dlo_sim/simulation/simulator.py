@@ -38,7 +38,7 @@ from dlo_sim.simulation.running import Running, Snapshot
 from dlo_sim.simulation.selection import check_named_method, choose, is_implicit
 from dlo_sim.simulation.soundness import sound_now
 from dlo_sim.simulation.start_from_points import cable_through
-from dlo_sim.simulation.statics import place
+from dlo_sim.simulation.statics import FirstShape
 from dlo_sim.simulation.stepper import Stepper
 from dlo_sim.simulation.timeline import recorded
 
@@ -96,8 +96,8 @@ class Simulator(Running):
         self.shape_naturally()
         lay = self.lay_unslipped if self.natural.follows else None
         shape = self.cable.shape_of(near.cable, near.time)[0] if near else None
-        placed = scene, self.geometries, self.ends, self.cable, lay, shape, continues
-        resting = place(*placed)
+        first = FirstShape(scene, self.geometries, self.ends, self.cable, lay)
+        resting = first.place(shape, continues)
         if not continues:
             held = [one.u for one in self.geometries.values() if one.u is not None]
             self_contact.check_start(scene, self.cable, held)

@@ -72,37 +72,23 @@ class _Spline:
         wanted[: values.size] = values.ravel() / np.sqrt(len(u))
         return rows, wanted
 
-    def stretch(self, points: Array) -> tuple[Array, Array]:
-        """Weighted mean of (|r'|^2 - 1) / 2 over every span, and its derivative."""
-        strain, rows, shares = self._strains(points)
-        factor = self.length * np.sqrt(LENGTH / len(shares))
-        return factor * np.sum(shares * strain, axis=1), factor * np.einsum(
-            "sk,skj->sj", shares, rows
-        )
-
-    def unevenness(self, points: Array) -> tuple[Array, Array]:
-        """Weighted excess of the strain at every quadrature point, and its derivative."""
-        strain, rows, shares = self._strains(points)
-        apart = strain - np.sum(shares * strain, axis=1, keepdims=True)
-        excess = apart - np.clip(apart, -EVEN, EVEN)
-        rows = (rows - np.einsum("sk,skj->sj", shares, rows)[:, None]) * (excess != 0.0)[..., None]
-        factor = self.length * np.sqrt(LENGTH / excess.size)
-        return factor * excess.ravel(), factor * rows.reshape(excess.size, -1)
-
-    def _strains(self, points: Array) -> tuple[Array, Array, Array]:
-        """(|r'|^2 - 1) / 2 at the quadrature points of every span, shape (spans, points), its
-        derivative, and the shares of the points in a mean.
+    def length_errors(self, points: Array) -> tuple[Array, Array]:
+        """Weighted mean of (|r'|^2 - 1) / 2 over every span, then its weighted excess at every
+        quadrature point, and the derivatives.
         """
         slope = self._slopes @ points
-        shares = self._weights.reshape(-1, SAMPLES)
+        weights = self._weights.reshape(-1, SAMPLES)
+        shares = weights / weights.sum(1, keepdims=True)
         rows = (self._slopes[:, :, None] * slope[:, None, :]).reshape(*shares.shape, -1)
         strain = 0.5 * (np.sum(slope**2, axis=1) - 1.0).reshape(shares.shape)
-        return strain, rows, shares / shares.sum(1, keepdims=True)
-
-    def _length_errors(self, points: Array) -> tuple[Array, Array]:
-        """`stretch` and `unevenness` together."""
-        (mean, of_mean), (uneven, of_uneven) = self.stretch(points), self.unevenness(points)
-        return np.append(mean, uneven), np.vstack([of_mean, of_uneven])
+        mean, of_mean = np.sum(shares * strain, axis=1), np.einsum("sk,skj->sj", shares, rows)
+        apart = strain - mean[:, None]
+        excess = apart - np.clip(apart, -EVEN, EVEN)
+        of_excess = (rows - of_mean[:, None]) * (excess != 0.0)[..., None]
+        one, other = self.length * np.sqrt(LENGTH / np.array([mean.size, excess.size]))
+        return np.append(one * mean, other * excess), np.vstack(
+            [one * of_mean, other * of_excess.reshape(excess.size, -1)]
+        )
 
     def solved(self, rows: Array, values: Array, held: Array) -> Array:
         """Control points that fit rows (m, 3 n) to values (m,) and keep the constraints."""
@@ -117,7 +103,7 @@ class _Spline:
         values = turn.T @ values
         curve = self.solved(rows, values, self.held)
         for _ in range(STEPS):
-            error, derivative = self._length_errors(curve)
+            error, derivative = self.length_errors(curve)
             apart = values - rows @ curve.ravel()
             present = apart @ apart + error @ error
             change = self.solved(
@@ -125,7 +111,7 @@ class _Spline:
             )
             for _ in range(HALVINGS):
                 trial = curve + change
-                error, apart = self._length_errors(trial)[0], values - rows @ trial.ravel()
+                error, apart = self.length_errors(trial)[0], values - rows @ trial.ravel()
                 if apart @ apart + error @ error < present:
                     break
                 change = 0.5 * change
@@ -137,7 +123,7 @@ class _Spline:
     def moving(self, u: Array, velocities: Array, curve: Array) -> Array:
         """Velocities of the control points that fit those of points and keep the length."""
         rows, values = self.fitting(u, velocities)
-        _, derivative = self.stretch(curve)
+        derivative = self.length_errors(curve)[1][: len(self._weights) // SAMPLES]
         left = np.vstack([rows, derivative])
         right = np.concatenate([values, np.zeros(len(derivative))])
         return np.asarray(np.linalg.lstsq(left, right, rcond=None)[0].reshape(curve.shape))

@@ -1,12 +1,11 @@
 """The first shape of a cable: straight, an arc, or in static equilibrium under its loads.
 
-`place` is the entry. The search for an equilibrium follows a way: it starts where the ends are easy
-to reach, on a sagging arc between ends not nearer than EASY of the length of cable between them, on
-the way from the straight cable to where the scene has them. It then moves and turns the ends along
-that way, in steps that adapt themselves, and the cable is at rest under its loads after every step.
-So where there are several equilibria, it finds the one that grippers reach that move together from
-the straight cable: from an arc at the end of the way, 16 of 130 everyday scenes ended in another
-one.
+The search for an equilibrium follows a way: it starts where the ends are easy to reach, on a
+sagging arc between ends not nearer than EASY of the length of cable between them, on the way from
+the straight cable to where the scene has them. It then moves and turns the ends along that way, in
+steps that adapt themselves, and the cable is at rest under its loads after every step. So where
+there are several equilibria, it finds the one that grippers reach that move together from the
+straight cable: from an arc at the end of the way, 16 of 130 everyday scenes ended in another one.
 
 Where there are obstacles, the cable hangs above them in the shape that it has without them, and is
 lowered in small steps: in a long one, it would go through what it should lie on. Where that does
@@ -18,20 +17,10 @@ A lowered cable is guided: it hardly moves across the vertical plane of its ends
 is one of symmetry, the shape in it counts, unless it topples much faster than a body falls by the
 length of the cable; one that topples slowly does so in the simulation. All others are let go.
 
-At each place of the way the cable descends from its first guess by backward Euler steps of the
-gradient flow (`relax`),
-    M (q1 - q0) / s = f(q1),
-whose pseudo-time s grows as long as Newton's method converges, so that the descent ends in Newton's
-method and does not stop at unstable shapes on the way.
-
-A thin cable is up to a billion times stiffer along itself than across: the tension is an unknown of
-its own (`engine.tension`), without which Newton's method would crawl.
-
-Twist that acts on the shape is found with it, by the same steps for all unknowns. They are those
-of the frames that follow the present shape: there shape and twist of each point act on its
-neighbours only, and the matrix is that of an energy, whose positive definiteness says whether the
-cable is stable. Its part that couples shape and twist comes from finite differences, which cost as
-many evaluations of the forces for any number of points.
+At each place of the way the cable descends from its first guess by backward Euler steps of a
+gradient flow (`methods.relax_step`), whose pseudo-time grows as long as Newton's method converges,
+so that the descent ends in Newton's method and does not stop at unstable shapes on the way. Twist
+that acts on the shape is found at last, by the same steps for all unknowns.
 
 A cable of constant length is first found as an elastic one, with the penalty factor of
 `engine.tension` as EA, whose tension then is the multiplier that it starts with.
@@ -48,7 +37,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import bspline, elimination, mass, rotations
+from dlo_sim.core import bspline, mass, rotations
 from dlo_sim.engine.arrays import (
     ANY_STRETCH,
     BISHOP,
@@ -58,12 +47,20 @@ from dlo_sim.engine.arrays import (
     PLASTICITY,
 )
 from dlo_sim.engine.contact import EARTH, STIFFNESS
+from dlo_sim.methods import relax_step
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import inextensible
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
-from dlo_sim.simulation.geometry import Geometries, Geometry, first_shape, held_places
+from dlo_sim.simulation.geometry import (
+    LEVEL,
+    Geometries,
+    first_shape,
+    held_places,
+    laying_directions,
+    straight_direction,
+)
 from dlo_sim.simulation.obstacles import PLACES, bend_radius, gaps, inside
 from dlo_sim.simulation.resolution import RADIUS, resolved
 from dlo_sim.simulation.self_contact import nearest
@@ -72,76 +69,40 @@ from dlo_sim.simulation.soundness import leaves_clamp_backwards, unexplained_str
 Array = NDArray[np.float64]
 Lay = Callable[[], None]
 
-
 EASY = 0.8  # distance of the ends, in lengths of the cable between them, where the search begins
 STEPS = 2  # from there, unless more are needed
 TOUCHING_STEPS = 20  # the same where there are obstacles
 SINKS = 0.05  # diameters, into obstacles on the way
 LAID = "plane", "box"  # obstacles on which a cable lies that is lowered
-GUIDED = 1e3  # stiffness of the guide of a cable that is lowered, in that of `_Search.first_step`
+GUIDED = 1e3  # stiffness of the guide of a lowered cable, in its mass over pseudo-time of its fall
 TOPPLES = 100.0  # square of the rate at which a shape that counts may topple, in gravity per length
 MOST_LIFTS = 200  # of the straight cable, to be clear of them
 CLEAN = 0.1  # diameters, depth in an obstacle or in itself below which no other way is tried
 ABOVE = -0.01  # diameters, gap of a cable that counts as above an obstacle
 FLAT = 1e-9  # of the length, distance from a plane that counts as none
-LEVEL = 1e-3  # share of a tangent across gravity that says in which direction it leads
 TINY = 1e-300
 LEAST_STEP = 1e-3  # of the way
 ROUGH = 1e-3  # of the length, movement that counts as rest on the way
 
 MAX_STEPS = 400
 TURNING_STEPS = 40  # of a search in which what holds the roll turns with the Bishop frame
-MAX_ITERATIONS = 12
 TOLERANCE = 1e-10  # of the cable's length, movement of a step that counts as rest
 ROUND_OFF = 1e-6  # the same where steps do not shrink any more
 FAST, SLOW = 0.5, 0.9  # movement that counts as progress, relative to the least so far
 PATIENCE = 6  # steps without progress after which they do not
 NUDGE = 1e-6  # of the length
-SMALL = 1e-4  # spans, and radians: steps of finite differences
-SPIN = 0.16  # of the length: radius of gyration of the twist in pseudo-time
 STEADY = 1e5  # pseudo-time of the stiffness that must be positive at rest, in `_Search.patient`
-CONVERGED, EXACT = 1e-4, 1e-12  # last correction: share of that of the step, or of the length
-LOOSE = 1e-2  # the former with twist
-
 # Shares of the first step in which a cable only comes to its length, and falls as little as may be.
 PROJECTING = 1e-4, 1e-3, 1e-2
 
 
-def place(
-    scene: Scene,
-    geometries: Geometries,
-    ends: EndDrive,
-    cable: Cable,
-    lay: Lay | None = None,
-    near: Array | None = None,
-    continues: bool = False,
-) -> bool:
-    """Put a cable into the scene's first shape, at rest.
-
-    Without equilibrium it is straight, or an arc where its ends are nearer than its length; or
-    where the arc would leave a clamp backwards, the shape of grippers that moved together. Where
-    the twist that a natural shape causes is not found, the cable is only placed close to rest, with
-    a UserWarning.
+class FirstShape:
+    """The search for the first shape of one cable.
 
     Args:
         lay: aligns the natural shape with the material frames of the present shape and lets plastic
             flow follow; None if there is neither.
-        near: control points (n, 4); where the first shape is an equilibrium, it is the one nearest
-            to these. Default: the one that grippers reach which move together.
-        continues: another shape will replace this one, so none is looked for, nor refused.
-
-    Returns:
-        Whether what presses it is to stay: in equilibrium, or until the other shape is there.
-
-    Raises:
-        SceneError: no equilibrium was found, a cable of constant length cannot reach both ends, or
-            the cable begins in an obstacle.
     """
-    return _FirstShape(scene, geometries, ends, cable, lay).place(near, continues)
-
-
-class _FirstShape:
-    """The search for the first shape of one cable."""
 
     def __init__(
         self, scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable, lay: Lay | None
@@ -151,19 +112,39 @@ class _FirstShape:
         # After each step of a search for the shape alone.
         self._flow = self._align if cable.model.has(PLASTICITY) else None
         self._across: Array | None = None  # to where a guide keeps the cable from moving
+        self._touching = cable.model.has(CONTACT)  # whether there are obstacles to follow
 
-    def place(self, near: Array | None, continues: bool) -> bool:
-        """See the function `place`."""
+    def place(self, near: Array | None = None, continues: bool = False) -> bool:
+        """Put the cable into the scene's first shape, at rest.
+
+        Without equilibrium it is straight, or an arc where its ends are nearer than its length; or
+        where the arc would leave a clamp backwards, the shape of grippers that moved together.
+        Where the twist that a natural shape causes is not found, the cable is only placed close to
+        rest, with a UserWarning.
+
+        Args:
+            near: control points (n, 4); where the first shape is an equilibrium, it is the one
+                nearest to these. Default: the one that grippers reach which move together.
+            continues: another shape will replace this one, so none is looked for, nor refused.
+
+        Returns:
+            Whether what presses it is to stay: in equilibrium, or until the other shape is there.
+
+        Raises:
+            SceneError: no equilibrium was found, a cable of constant length cannot reach both ends,
+                or the cable begins in an obstacle.
+        """
         scene, cable = self._scene, self._cable
         keeps_length = bool(cable.arrays.physics.keeps_length)
         cable.keep_length(False)
         points = np.zeros((cable.model.n, 4))
         points[:, :3] = first_shape(scene, self._geometries, cable.model.knots)
+        held = any(holder.held for holder in scene.holders.values())
         backwards = leaves_clamp_backwards(points, self._ends)
         resting = _wants_equilibrium(scene, self._geometries)
         if scene.initial.shape == "auto" and scene.terms.twist != "frenet":
             # A straight cable that begins in an obstacle is none that somebody lays there.
-            resting = resting or (self._is_held and self._inside(points[:, :3]) != "")
+            resting = resting or (held and self._inside(points[:, :3]) != "")
         searched = resting or backwards
         if near is not None and searched:
             points = near.copy()
@@ -177,10 +158,14 @@ class _FirstShape:
             raise SceneError(
                 "initial.shape: no equilibrium is available with terms.twist frenet; use straight"
             )
-        if near is not None and searched and self._rests_near():
+        if near is not None and searched and self._touching:
+            self._across = _Way(scene, self._geometries, cable.model.axes, None).across
+        if near is not None and searched and self._rests(1.0):
             self._twist()
         elif resting:
-            self._find()
+            if not self._follow():
+                raise SceneError(_cause(scene, cable))
+            self._twist()
         elif backwards and scene.terms.twist != "frenet" and not self._follow():
             # An arc that is folded at a clamp would stay so, but no other shape was found.
             cable.put(points, np.zeros_like(points), 0.0)
@@ -188,47 +173,17 @@ class _FirstShape:
         if keeps_length and not self._keep_length(resting):
             raise SceneError(_cause(scene, cable))
         points = cable.points
-        wrong = self._inside(points[:, :3])
-        if wrong:
-            cure = "" if resting or not self._is_held else ", or set initial.shape to equilibrium"
+        if wrong := self._inside(points[:, :3]):
+            cure = "" if resting or not held else ", or set initial.shape to equilibrium"
             raise SceneError(f"{wrong}; move the obstacle or the cable's ends{cure}")
         cable.put(points, np.zeros_like(points))
         return resting
-
-    def _rests_near(self) -> bool:
-        """Whether there is an equilibrium near the present shape."""
-        if self._cable.model.has(CONTACT):
-            self._across = _Way(self._scene, self._geometries, self._cable.model.axes).across
-        return self._rests(1.0)
 
     def _align(self) -> None:
         """Align the natural shape with the present shape, with the plastic flow up to it."""
         if self._lay:
             self._lay()
             self._cable.flow()
-
-    def _find(self) -> None:
-        """Put an extensible cable into equilibrium, with its twist.
-
-        Where the twist is not found, the cable is only placed close to rest, with a UserWarning.
-
-        Raises:
-            SceneError: none was found.
-        """
-        if not self._follow():
-            raise SceneError(_cause(self._scene, self._cable))
-        self._twist()
-
-    def _twist(self) -> None:
-        """Let the twist come into equilibrium, too, or warn."""
-        cable = self._cable
-        if cable.model.has(BISHOP) and not self._with_twist():
-            what = "natural shape causes" if cable.model.has(MATERIAL) else "moments cause"
-            warnings.warn(
-                f"initial.shape: the search for the twist that the {what} did not converge; the "
-                "cable moves after the start: let it come to rest, or check cable.shear_modulus",
-                stacklevel=2,
-            )
 
     def _keep_length(self, resting: bool) -> bool:
         """Whether a cable of constant length came to that length, with `resting` to rest there,
@@ -240,14 +195,9 @@ class _FirstShape:
         if resting:
             return self._rests(1.0)
         search = _Search(cable)
-        step = search.first_step()
-        done = any(search.step(share * step)[0] > 0 for share in PROJECTING)
+        done = any(search.step(share * search.first)[0] > 0 for share in PROJECTING)
         cable.take_tension(at_rest=False)
         return done
-
-    @property
-    def _is_held(self) -> bool:
-        return any(holder.held for holder in self._scene.holders.values())
 
     def _inside(self, points: Array) -> str:
         """One line if the cable begins inside an obstacle (`obstacles.inside`), else empty."""
@@ -269,23 +219,20 @@ class _FirstShape:
         the best one.
         """
         cable, scene, axes = self._cable, self._scene, self._cable.model.axes
-        way = _Way(scene, self._geometries, axes)
+        way = _Way(scene, self._geometries, axes, None)
         if not cable.model.has(CONTACT):
             return self._follow_free(way)
         least, best = np.inf, (cable.state.copy(), self._across)
-        ways = [
-            _Way(scene, self._geometries, axes, d) for d in _directions(scene, self._geometries)
-        ]
+        directions = laying_directions(scene, self._geometries)
+        straight = [_Way(scene, self._geometries, axes, direction) for direction in directions]
         lowered = way.u.size > 1 and all(body.shape in LAID for body in scene.bodies)
-        for one in [way, *ways] if lowered else [*ways, way]:
+        for one in [way, *straight] if lowered else [*straight, way]:
             points, self._across = None, way.across if one is way else None
-            if one is way:
-                points = self._hung(way)
-                if points is None:
-                    continue
-            else:
+            if one is not way:
                 one.begin_clear(cable.model.origin)
-            if self._follow_from(one, 0.0, points, TOUCHING_STEPS):
+            elif (points := self._hung(way)) is None:
+                continue
+            if self._follow_from(one, 0.0, points):
                 fault = self._fault()
                 if fault < least:
                     least, best = fault, (cable.state.copy(), self._across)
@@ -310,11 +257,11 @@ class _FirstShape:
         """
         cable, law = self._cable, self._cable.arrays.contact.law
         stiff = law[:, STIFFNESS].copy()
-        law[:, STIFFNESS] = 0.0
+        law[:, STIFFNESS], self._touching = 0.0, False
         try:
             found = self._follow_free(way)
         finally:
-            law[:, STIFFNESS] = stiff
+            law[:, STIFFNESS], self._touching = stiff, True
         if not found:
             return None
         points = cable.points
@@ -335,46 +282,37 @@ class _FirstShape:
         u = np.linspace(0.0, self._scene.cable.length, PLACES)
         return np.asarray(bspline.evaluate(points, model.knots, u) + model.origin)
 
-    def _follow_from(
-        self, way: _Way, begin: float, points: Array | None = None, steps: int = STEPS
-    ) -> bool:
+    def _follow_from(self, way: _Way, begin: float, points: Array | None = None) -> bool:
         """Whether the search from a share of the way on ended in equilibrium.
 
         Args:
             points: control points to begin with; default: straight, or an arc.
         """
-        cable = self._cable
+        cable, steps = self._cable, TOUCHING_STEPS if self._touching else STEPS
+        u = bspline.greville(cable.model.knots)
         if points is None:
             points = np.zeros((cable.model.n, 4))
             points[:, :3] = first_shape(self._scene, way.at(begin), cable.model.knots)
         self._put_on(way, begin, points, anew=True)
-        if not self._rests(begin):
-            self._place_ends(way, 1.0)
-            return False
-        share, step = begin, (1.0 - begin) / steps
-        shape = cable.points
-        last: tuple[Array, float] | None = None  # changes of shape and share by the last step
-        while share < 1.0:
+        share, step, rate = begin, (1.0 - begin) / steps, None  # of the shape in the last step
+        found = self._rests(begin)
+        while found and share < 1.0:
             there = share + step if share + step < 1.0 - LEAST_STEP else 1.0
-            guess = shape.copy()
-            if last is None or steps != STEPS:
-                u = bspline.greville(cable.model.knots)
+            before, shape = cable.state.copy(), cable.points
+            if rate is None or self._touching:
+                rate = np.zeros_like(shape)
                 for axis in range(3):
-                    guess[:, axis] -= (there - share) * np.interp(u, way.u, way.back[:, axis])
-            else:
-                guess += (there - share) / last[1] * last[0]
-            before = cable.state.copy()
-            self._put_on(way, there, guess)
+                    rate[:, axis] = -np.interp(u, way.u, way.back[:, axis])
+            self._put_on(way, there, shape + (there - share) * rate)
             if self._rests(there):
-                last = cable.points - shape, there - share
-                share, shape = there, cable.points
+                share, rate = there, (cable.points - shape) / (there - share)
                 continue
-            cable.state[:] = before
-            last, step = None, 0.4 * step
-            if step < LEAST_STEP:
-                self._place_ends(way, 1.0)
-                return False
-        return True
+            cable.state[:], rate = before, None
+            step *= 0.4
+            found = step >= LEAST_STEP
+        if not found:
+            self._place_ends(way, 1.0)
+        return found
 
     def _place_ends(self, way: _Way, share: float) -> None:
         """Put what holds the cable at a share of the way."""
@@ -398,38 +336,37 @@ class _FirstShape:
         """
         cable = self._cable
         _nudge(cable, self._across)
-        more = share < 1.0 or (self._flow is not None and cable.model.has(BISHOP))
+        at_end = share == 1.0 and self._touching == cable.model.has(CONTACT)
+        more = not at_end or (self._flow is not None and cable.model.has(BISHOP))
         rest = ROUGH if more else TOLERANCE
-        if cable.model.has(CONTACT):
-            found = self._touches(share, rest)
-        else:
-            found = relax(cable, rest=rest) if share < 1.0 else self._relax_with_flow(rest)
+        found = not self._touching or self._lies(at_end)
+        if at_end:
+            found = found and self._relax_with_flow(rest)
+        elif not self._touching:
+            found = relax(cable, rest=rest, across=self._across)
         return found and not unexplained_stretch(cable.model, cable.points, self._ends)
 
-    def _touches(self, share: float, rest: float) -> bool:
-        """`_rests` with obstacles, which are softer on the way. At its end a guided cable is let
-        go, unless its shape counts as it is.
+    def _lies(self, at_end: bool) -> bool:
+        """Whether a rough equilibrium on softer obstacles was found. At the end of the way a guided
+        cable is let go, unless its shape on the obstacles of the scene counts as it is.
         """
         cable, law = self._cable, self._cable.arrays.contact.law
-        stiff = law[:, 0].copy()
+        stiff = law[:, STIFFNESS].copy()
+        soft = np.minimum(stiff, self._soft())
         try:
-            law[:, 0] = np.minimum(stiff, self._soft())
+            law[:, STIFFNESS] = soft
             found = relax(cable, rest=ROUGH, across=self._across)
-            if share < 1.0 or not found or not stiff.any():
+            if not found or not at_end or self._across is None:
                 return found
-            if self._across is not None:
-                before, law[:, 0] = cable.state.copy(), stiff
-                if relax(cable, rest=ROUGH, across=self._across) and self._is_upright():
-                    return self._relax_with_flow(rest)
-                cable.state[:], self._across = before, None
-                law[:, 0] = np.minimum(stiff, self._soft())
-                _nudge(cable)
-                if not relax(cable, rest=ROUGH):
-                    return False
-            law[:, 0] = stiff
-            return self._relax_with_flow(rest)
+            before, law[:, STIFFNESS] = cable.state.copy(), stiff
+            if relax(cable, rest=ROUGH, across=self._across) and self._is_upright():
+                return True
+            cable.state[:], self._across = before, None
+            law[:, STIFFNESS] = soft
+            _nudge(cable)
+            return relax(cable, rest=ROUGH)
         finally:
-            law[:, 0] = stiff
+            law[:, STIFFNESS] = stiff
 
     def _soft(self) -> Array:
         """Stiffness [N/m^2] of obstacles into which the cable sinks by SINKS diameters under its
@@ -437,12 +374,10 @@ class _FirstShape:
         """
         scene, cable = self._scene, self._scene.cable
         length, thick = cable.length, cable.diameter
-        radii = [
-            length if body.shape == "plane" else max(bend_radius(scene, body), thick)
-            for body in scene.bodies
-        ]
+        radii = np.array([max(bend_radius(scene, body), thick) for body in scene.bodies])
+        radii[[body.shape == "plane" for body in scene.bodies]] = length
         bent = cable.EI * (RADIUS[True] / length) ** 3
-        return (cable.mu * EARTH * length / np.array(radii) + bent) / (SINKS * thick)
+        return np.asarray((cable.mu * EARTH * length / radii + bent) / (SINKS * thick))
 
     def _is_upright(self) -> bool:
         """Whether friction, which no search knows, may hold the cable: it lies in the plane in
@@ -474,10 +409,9 @@ class _FirstShape:
         )
         return True
 
-    # -- with the twist that acts on the shape ----------------------------------------------------
-
-    def _with_twist(self) -> bool:
-        """Whether shape and twist that acts on the shape are in stable equilibrium together.
+    def _twist(self) -> None:
+        """Bring shape and twist that acts on the shape into stable equilibrium together, or leave
+        the cable close to rest, with a UserWarning.
 
         What holds the roll turns with the Bishop frame, so that it holds the cable at its twist
         angle whatever the shape. A natural shape may have no stable equilibrium of this kind; then
@@ -485,7 +419,7 @@ class _FirstShape:
         """
         cable, account = self._cable, self._cable.account
         before = cable.state.copy()
-        for rolls in (True, False):
+        for rolls in (True, False) if cable.model.has(BISHOP) else ():
             cable.state[:] = before
             if self._lay:
                 self._lay()
@@ -494,13 +428,17 @@ class _FirstShape:
             found = relax(cable, lay, twist=True, rolls=rolls, across=self._across)
             account.slip = 0.0
             cable.flow()
+            self._ends.take_frame_turns(cable.frame_turn)
+            cable.motion[:] = self._ends.motion
             if found:
-                break
-        self._ends.take_frame_turns(cable.frame_turn)
-        cable.motion[:] = self._ends.motion
-        return found
-
-    # -- by steps in time -------------------------------------------------------------------------
+                return
+        if cable.model.has(BISHOP):
+            what = "natural shape causes" if cable.model.has(MATERIAL) else "moments cause"
+            warnings.warn(
+                f"initial.shape: the search for the twist that the {what} did not converge; the "
+                "cable moves after the start: let it come to rest, or check cable.shear_modulus",
+                stacklevel=2,
+            )
 
 
 class _Way:
@@ -508,7 +446,7 @@ class _Way:
     0) to where the scene has it (share 1): positions move straight, tangents turn the shortest way.
 
     Args:
-        direction: of the straight cable; default: from the first to the last held point; if they
+        direction: of the straight cable; None: from the first to the last held point; if they
             coincide, as the tangents do on average; if only one point is held, along gravity.
 
     Attributes:
@@ -519,16 +457,12 @@ class _Way:
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        geometries: Geometries,
-        axes: tuple[int, ...],
-        direction: Array | None = None,
+        self, scene: Scene, geometries: Geometries, axes: tuple[int, ...], direction: Array | None
     ) -> None:
         self._scene, self._geometries, self._axes = scene, geometries, axes
         self._places = held_places(scene, geometries)
         self.u = np.array([u for u, _ in self._places])
-        direction = _straight(scene, self._places) if direction is None else direction
+        direction = straight_direction(scene, self._places) if direction is None else direction
         at = np.array([geometry.attachment for _, geometry in self._places])
         line = np.outer(self.u, direction)
         self.direction = direction
@@ -569,10 +503,8 @@ class _Way:
         up /= max(math.hypot(*up), TINY)
         diameter, lift = scene.cable.diameter, np.zeros(3)
         for _ in range(MOST_LIFTS):
-            gap = min(
-                (float(gaps(body, diameter, line + lift).min()) for body in scene.bodies),
-                default=1.0,
-            )
+            there = (float(gaps(body, diameter, line + lift).min()) for body in scene.bodies)
+            gap = min(there, default=1.0)
             if gap > ABOVE * diameter:
                 break
             lift = lift + max(-gap, 0.5 * diameter) * up
@@ -584,17 +516,12 @@ class _Way:
         back = {geometry.u: way for (_, geometry), way in zip(self._places, self.back, strict=True)}
         for name, turn in self._turns.items() if share < 1.0 else ():
             geo = self._geometries[name]
-            orientation = rotations.multiply(
-                rotations.from_rotation_vector((share - 1.0) * turn), geo.orientation
-            )
-            shift = (1.0 - share) * back.get(geo.u, np.zeros(3))
-            arm = rotations.rotate(
-                rotations.conjugate(geo.orientation), geo.attachment - geo.position
-            )
-            attachment = geo.attachment + shift
-            position = attachment - rotations.rotate(orientation, arm)
+            turned = rotations.from_rotation_vector((share - 1.0) * turn)
+            arm = rotations.rotate(turned, geo.attachment - geo.position)
+            attachment = geo.attachment + (1.0 - share) * back.get(geo.u, np.zeros(3))
+            orientation = rotations.multiply(turned, geo.orientation)
             moved[name] = replace(
-                geo, position=position, orientation=orientation, attachment=attachment
+                geo, position=attachment - arm, orientation=orientation, attachment=attachment
             )
         return moved
 
@@ -624,37 +551,6 @@ class _Way:
             if leaves * (np.cross(axis, direction) * self._scene.gravity).sum() < 0.0:
                 axis = -axis
         return np.asarray(axis * (angle / math.hypot(*axis)))
-
-
-def _straight(scene: Scene, places: list[tuple[float, Geometry]]) -> Array:
-    """Direction of the straight cable that is held at these places."""
-    (_, first), (_, last) = places[0], places[-1]
-    tangents = np.sum([rotations.rotate(geo.orientation, geo.tangent) for _, geo in places], axis=0)
-    gravity = np.array(scene.gravity)
-    choices = [last.attachment - first.attachment, tangents, gravity, np.array([1.0, 0.0, 0.0])]
-    if len(places) == 1:
-        choices = choices[2:1:-1] + choices[1:2]
-    for choice in choices:
-        size = math.hypot(*choice)
-        if size > 1e-6 * scene.cable.length:
-            return np.asarray(choice / size)
-    return choices[-1]
-
-
-def _directions(scene: Scene, geometries: Geometries) -> list[Array]:
-    """Directions of the straight cable to begin with where there are obstacles: from the first to
-    the last held point, and as the cable leaves them; of a single one, along its tangent where that
-    is level, so that the cable is laid down in the direction in which it leaves.
-    """
-    places = held_places(scene, geometries)
-    tangents = [rotations.rotate(geo.orientation, geo.tangent) for _, geo in places]
-    if len(places) == 1:
-        gravity = np.array(scene.gravity)
-        down = gravity / max(math.hypot(*gravity), TINY)
-        level = tangents[0] - (tangents[0] * down).sum() * down
-        size = math.hypot(*level)
-        return [level / size] if size > LEVEL else [_straight(scene, places)]
-    return [_straight(scene, places), tangents[0], tangents[-1]]
 
 
 def _wants_equilibrium(scene: Scene, geometries: Geometries) -> bool:
@@ -710,16 +606,15 @@ def relax(
 ) -> bool:
     """Move a cable to a nearby stable equilibrium at rest; true if it was reached.
 
-    Damping plays no part, and sine loads are at their value at time zero. The twist stays as
-    it is, or with `twist` both are found together. `after_step` may change the natural and plastic
-    curvature after each step of the search, which then converges linearly.
-    `rest` is the movement of a step [of the length, or rad] that counts as rest; `rolls` says
-    that what holds the roll turns with the Bishop frame. `across` is a unit vector along which a
-    guide hardly lets the cable move: there it is not in equilibrium.
+    Damping plays no part, and sine loads are at their value at time zero. `after_step` may change
+    the natural and plastic curvature after each step of the search, which then converges linearly.
+    `rest` is the movement of a step [of the length, or rad] that counts as rest; `twist` and
+    `rolls` are those of `relax_step`. `across` is a unit vector along which a guide hardly lets the
+    cable move: there it is not in equilibrium.
     """
-    search = _Search(cable, twist, rolls, across)
     cable.w[:] = 0.0
-    pseudo = search.first_step()
+    search = _Search(cable, twist, rolls, across)
+    pseudo = search.first
     least, stuck, ceiling, smooth, nudged = np.inf, 0, np.inf, 0, False
     progress = SLOW if after_step else FAST
     for _ in range(TURNING_STEPS if rolls else MAX_STEPS):
@@ -763,231 +658,43 @@ def _nudge(cable: Cable, across: Array | None = None) -> None:
     cable.x[:] += NUDGE * length / max(np.abs(way).max(), 1e-300) * way
 
 
-def _relative_movement(cable: Cable, before: Array) -> float:
-    """Largest movement from configuration `before`, relative to the length or 1 rad."""
-    moved = np.abs(cable.x - before).max(axis=1)
-    dim = len(cable.model.axes)
-    return float(max(moved[:dim].max() / cable.model.knots[-1], moved[dim:].max(initial=0.0)))
-
-
 class _Search:
-    """The steps of one search: of the spatial lines, or with `twist` of all lines together.
+    """The steps of one search (`relax_step`) for the spatial lines, or with `twist` for all lines.
 
     Attributes:
-        patient: pseudo-time [s^2] of steps that see the whole stiffness: the cable falls by many
-            times its length meanwhile.
+        first: pseudo-time [s^2] in which the first guess moves by a percent of the length. patient:
+            that of steps that see the whole stiffness, in which the cable falls by many times it.
     """
 
     def __init__(
-        self,
-        cable: Cable,
-        twist: bool = False,
-        rolls: bool = False,
-        across: Array | None = None,
+        self, cable: Cable, twist: bool = False, rolls: bool = False, across: Array | None = None
     ) -> None:
-        self._cable, model = cable, cable.model
-        self._across, self._guide = across, np.zeros((0, 0))
-        self._twist, self._rolls = twist, rolls
-        # Of a step with twist the frames are known to a few per cent where a span bends sharply.
-        self._converged, self._exact = (LOOSE, TOLERANCE) if twist else (CONVERGED, EXACT)
-        self._held_angles = cable.x[-1].copy()
-        self._torsional = float(cable.arrays.physics.GJ)
-        self._dim = len(model.axes)
-        self._length = float(model.knots[-1])
-        self.patient = 0.0
-
-    def first_step(self) -> float:
-        """Pseudo-time [s^2] in which the first guess moves by a percent of the length."""
-        model = self._cable.model
-        free = ~model.held_mask()[: self._dim]
-        pull = float(np.abs(self._cable.forces()[: self._dim] * free).sum())
+        self._cable, model, dim = cable, cable.model, len(cable.model.axes)
+        # At fixed twist the stiffness of a cable with a natural shape says little.
+        self._unknown = model.has(MATERIAL) and not twist
+        length, pull = float(model.knots[-1]), np.abs(cable.forces()[:dim])
         inertia = float(mass.multiply(model.mass(0), np.ones(model.n)).sum())
-        fall = inertia * self._length / max(pull, 1e-300)
-        self.patient = 100.0 * fall
-        if self._across is not None:
-            self._begun = self._cable.x[: self._dim].copy()
-            self._guide = np.outer(self._across, self._across) * (GUIDED / fall)
-        return 0.01 * fall
+        fall = inertia * length / max(float((pull * ~model.held_mask()[:dim]).sum()), TINY)
+        self.first, self.patient = 0.01 * fall, 100.0 * fall
+        guide = np.zeros(dim) if across is None else across * math.sqrt(GUIDED / fall)
+        begun, anchors = cable.padded(cable.x), cable.anchors.copy()
+        self._given = guide, begun, anchors, length, twist, rolls
 
     def step(self, pseudo: float) -> tuple[int, float]:
         """One backward Euler step in place; iterations (0: not converged) and the largest move.
 
         The move is a share of the length, or an angle [rad].
         """
-        dim = self._dim
-        x, state = self._cable.x, self._cable.state.copy()
-        before, sum_ = x[:dim].copy(), np.zeros_like(x)
-        for iteration in range(1, MAX_ITERATIONS + 1):
-            change = self._correction(sum_, pseudo, iteration > 1)
-            if change is None:
-                break
-            self._cable.predict_tension(change)
-            x[: len(change)] += change
-            sum_[: len(change)] += change
-            sum_[:dim] = x[:dim] - before
-            moved, largest = self._size(sum_), self._size(change)
-            if not moved < 1e3:
-                break
-            self._follow()
-            if largest <= self._converged * moved or largest < self._exact:
-                return iteration, moved
-        # The frames, too, which may hold no numbers where the correction was far too large.
-        self._cable.state[:] = state
-        return 0, 0.0
-
-    def _size(self, change: Array) -> float:
-        """Largest change, as a share of the length or in radians."""
-        dim = self._dim
-        angle = np.abs(change[dim:]).max(initial=0.0)
-        return float(max(np.abs(change[:dim]).max() / self._length, angle))
-
-    def _follow(self) -> None:
-        """Let frames and natural shape follow the present shape; without twist, at fixed angles."""
-        if self._twist:
-            anchors = self._cable.anchors.copy()
-            self._cable.follow_shape()
-            if self._rolls:
-                self._cable.anchors[:] = anchors
-                self._cable.frame_turn[:] = 0.0
-        else:
-            self._cable.follow()
-            self._cable.open_frame()
+        state = self._cable.state.copy()
+        iterations, moved = self._cable.call(relax_step.relax_step, pseudo, *self._given)
+        if iterations == 0:
+            # The frames, too, which may hold no numbers where the correction was far too large.
+            self._cable.state[:] = state
+        return iterations, moved
 
     def stable(self, pseudo: float = 0.0) -> bool:
         """Whether the stiffness of the present shape is positive, up to round-off, or up to that of
-        the mass over the pseudo-time [s^2]. That of a cable with a natural shape at fixed twist
-        says little.
+        the mass over the pseudo-time [s^2].
         """
-        if self._cable.model.has(MATERIAL) and not self._twist:
-            return True
-        still = np.zeros_like(self._cable.x)
-        return self._correction(still, pseudo or STEADY * self.patient) is not None
-
-    def _correction(self, moved: Array, pseudo: float, predicted: bool = False) -> Array | None:
-        """Newton correction, of the spatial lines (dim, n), or with twist of all; None where it
-        leads uphill.
-
-        Args:
-            moved: in this step so far, shape (lines, n); of the twist, against the material.
-            predicted: whether the tension is the one that the last correction predicted.
-        """
-        cable, dim = self._cable, self._dim
-        n = cable.model.n
-        force, band = cable.forces(), self._elastic_stiffness(predicted)
-        half = 4 * dim - 1
-        inertia = cable.model.mass(0)
-        resisted = moved[:dim] / pseudo
-        if self._guide.size:
-            away = cable.x[:dim] - self._begun
-            resisted = resisted + (self._guide[:, :, None] * away).sum(axis=1)
-        resisted = np.stack([mass.multiply(inertia, line) for line in resisted], axis=1)
-        unknowns = (force[:dim].T - resisted).ravel()
-        # Row i dim + d of the matrix belongs to coordinate d of control point i.
-        by_point = band.reshape(n, dim, -1)
-        metric = np.eye(dim) / pseudo + (self._guide if self._guide.size else 0.0)
-        for a, b in zip(*np.nonzero(metric), strict=True):
-            for k in range(4):
-                part = metric[a, b] * inertia[k, : n - k]
-                by_point[: n - k, a, half + k * dim + b - a] += part
-                if k:
-                    by_point[k:, a, half - k * dim + b - a] += part
-        if self._twist:
-            return self._with_twist(by_point, force, unknowns, moved[dim], pseudo)
-        if cable.solve_held(unknowns) != 0 or not np.isfinite(unknowns).all():
-            return None
-        return unknowns.reshape(n, dim).T
-
-    def _elastic_stiffness(self, predicted: bool) -> Array:
-        """The band matrix of the spatial lines; with twist, without what `_coupling` has."""
-        cable = self._cable
-        if not self._twist:
-            band = cable.stiffness(predicted)
-            if cable.loads.size and cable.loads[:, 3:6].any():
-                cable.add_moment_stiffness()
-            return band
-        state = cable.arrays.state
-        kept = state.natural.copy(), state.plastic.copy()
-        state.natural[:] = state.plastic[:] = 0.0
-        band = cable.stiffness(predicted)
-        state.natural[:], state.plastic[:] = kept
-        return band
-
-    def _coupling(self) -> Array:
-        """Minus the derivatives of `Cable.twist_forces` by all lines, as central differences, shape
-        (7, lines, lines, n): [o, e, d, i] is that of the force on line e of control point i by line
-        d of control point i + o - 3. A point acts on no others.
-        """
-        cable, x = self._cable, self._cable.x
-        n, reach = cable.model.n, bspline.DEGREE
-        steps = np.full(len(x), SMALL * self._length / (n - reach))
-        steps[self._dim :] = SMALL
-        colours = 2 * reach + 1
-        slopes = np.zeros((colours, len(x), len(x), n))
-        for colour in range(colours):
-            for d, small in enumerate(steps):
-                there, ahead = x[d, colour::colours].copy(), np.zeros_like(x)
-                for side in (1.0, -1.0):
-                    x[d, colour::colours] = there + side * small
-                    ahead -= side * cable.twist_forces(by_frame=False)
-                x[d, colour::colours] = there
-                slopes[colour, d] = ahead / (2.0 * small)
-        out = np.zeros_like(slopes)
-        for o in range(colours):
-            i = np.arange(max(0, reach - o), min(n, n + reach - o))
-            out[o, :, :, i] = slopes[(i + o - reach) % colours, :, :, i].transpose(0, 2, 1)
-        return out
-
-    def _with_twist(
-        self, by_point: Array, force: Array, unknowns: Array, turned: Array, pseudo: float
-    ) -> Array | None:
-        """Newton correction of all lines, of which the twist is that against the material: the
-        Bishop frame turns with the shape. The shape is eliminated.
-        """
-        cable, dim, model = self._cable, self._dim, self._cable.model
-        n, half = model.n, 4 * dim - 1
-        between = self._coupling()
-        on_shape, on_twist = np.zeros((n, n * dim)), np.zeros((n, n * dim))  # by twist, by shape
-        inertia = model.mass(0) * (SPIN * self._length) ** 2 / pseudo
-        matrix = mass.dense(model.twisting_stiffness + inertia)
-        for o in range(2 * bspline.DEGREE + 1):
-            i = np.arange(max(0, bspline.DEGREE - o), min(n, n + bspline.DEGREE - o))
-            j = i + o - bspline.DEGREE
-            matrix[i, j] += between[o, dim, dim, i]
-            for e in range(dim):
-                on_shape[j, i * dim + e] = between[o, e, dim, i]
-                on_twist[i, j * dim + e] = between[o, dim, e, i]
-                for d in range(dim):
-                    column = half + (o - bspline.DEGREE) * dim + d - e
-                    by_point[i, e, column] += between[o, e, d, i]
-        sides = np.concatenate([unknowns[None], -on_shape])
-        if cable.solve_held(sides) != 0 or not np.isfinite(sides).all():
-            return None
-        alone, by_twist = sides[0], sides[1:]
-        matrix += np.einsum("ia,ka->ik", on_twist, by_twist)
-        rest = force[dim] - mass.multiply(inertia, turned) - (on_twist * alone).sum(axis=1)
-        held = model.held_mask()[-1]
-        for k in np.flatnonzero(held):
-            frame = self._frame_turn(int(k)) if self._rolls else np.zeros(n * dim)
-            matrix[k] = (by_twist * frame).sum(axis=1)
-            matrix[k, k] += 1.0
-            rest[k] = -(frame * alone).sum()
-            if self._rolls:
-                rest[k] += self._held_angles[k] - cable.x[dim, k]
-        order = np.argsort(held, kind="stable")  # what is held last: the pivots before are of K
-        turn, pivots = elimination.solve(matrix[np.ix_(order, order)], rest[order])
-        if pivots[: n - held.sum()].min(initial=1.0) <= 0.0:
-            return None
-        turn[order] = turn.copy()
-        change = (alone + (turn[:, None] * by_twist).sum(axis=0)).reshape(n, dim).T
-        return np.concatenate([change, turn[None]])
-
-    def _frame_turn(self, k: int) -> Array:
-        """Derivative of the angle of the Bishop frame at control point k by the shape, (n dim,)."""
-        cable, dim = self._cable, self._dim
-        u, kept = bspline.greville(cable.model.knots), cable.x[dim].copy()
-        forces = []
-        for share in (0.0, 1.0):
-            cable.x[dim] = share * np.minimum(u, u[k]) / self._torsional
-            forces.append(cable.twist_forces(by_frame=True)[:dim])
-        cable.x[dim] = kept
-        return (forces[0] - forces[1]).T.ravel()
+        given = pseudo or STEADY * self.patient, *self._given
+        return self._unknown or bool(self._cable.call(relax_step.is_stable, *given))

@@ -446,9 +446,7 @@ def right_at_rest(run: Run) -> str:
     sim, cable, scene = run.simulator, run.simulator.cable, run.scene
     length, diameter, dim = scene.cable.length, scene.cable.diameter, len(sim.model.axes)
     correction = cable.forces()[:dim].T.ravel()
-    band = cable.stiffness()
-    if scene.loads:
-        cable.add_moment_stiffness()
+    band = cable.stiffness(moments=True)
     if scene.bodies:  # a cable that is free to turn on a table grows slower than SLOWEST
         band[:, 4 * dim - 1] += SLOWEST**2 * np.repeat(sim.model.mass(0)[0], dim)
     negative = cable.solve_held(correction)

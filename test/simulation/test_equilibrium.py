@@ -432,6 +432,6 @@ def test_a_cable_longer_than_its_gripper_is_high_lies_on_the_floor():
 
 
 def test_a_first_shape_inside_of_something_is_said(monkeypatch):
-    monkeypatch.setattr(statics._FirstShape, "_fault", lambda self: 0.5)
+    monkeypatch.setattr(statics.FirstShape, "_fault", lambda self: 0.5)
     with pytest.warns(UserWarning, match=r"0\.5 diameters deep in an obstacle or in itself; raise"):
         Simulator(load_scene(DOWN))

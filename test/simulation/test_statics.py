@@ -198,6 +198,19 @@ def test_shape_and_twist_of_a_natural_shape_are_found_in_turn():
     assert moved_within(sim, 1.0) < 1e-6
 
 
+def test_shape_and_twist_are_found_where_a_gripper_holds_between_control_points():
+    """Its rows border the matrix: 1e-12."""
+    values = {
+        **{"cable.rest_curvature": [2.0, -1.0], "cable.rest_curvature_2": [1.0, 2.0]},
+        **{"grasps.names": ["hand"], "grasps.hand.at": 0.43},
+        "grasps.hand.position": [0.2, 0.02, -0.05],
+    }
+    sim = dlo_sim.Simulator(dlo_sim.load_scene({**BENT, **values}))
+    assert sim.model.holding.border > 0
+    assert np.abs(sim.control_points[:, 3]).max() > 0.1
+    assert moved_within(sim, 1.0) < 1e-6
+
+
 def test_plastic_flow_that_is_not_found_is_said(monkeypatch):
     """The search with flow is made to fail."""
     relax = statics.relax
