@@ -82,6 +82,21 @@ def test_a_cable_of_constant_length_hangs_as_a_catenary_and_stays():
     assert "stretch" not in sim.active_terms
 
 
+def test_an_upright_column_of_constant_length_falls_over():
+    """Its compression shows in the multipliers alone; the column is straight to the last bit."""
+    upright = {
+        "cable.youngs_modulus": 1e6,
+        "cable.bending_stiffness": 0.0,
+        "start.clamped": True,
+        "end.position": [0.0, 0.0, 1.0],
+        "damping.mass": 0.2,
+    }
+    sim = Simulator(load_scene(SWING | CONSTANT_LENGTH | upright))
+    assert sim.advance(0.5).status.ok
+    assert sim.control_points[-1, 2] < 0.5
+    assert any("the cable left at" in line for line in sim.notes)
+
+
 def test_where_the_ends_pull_it_taut_the_length_is_not_kept():
     taut = {"end.position": [1.0, 0.0, 0.0], "end.fixed": [True] * 3}
     sim = Simulator(load_scene(SWING | CONSTANT_LENGTH | taut))
