@@ -1,1 +1,1 @@
-"""Compilation of Python functions: vector lanes, pieces, and the cache of machine code."""
+"""Compilation of Python functions: vector lanes, kernels, and the cache of machine code."""

@@ -32,7 +32,7 @@ _log = logging.getLogger(LOGGER)
 _said: set[str] = set()
 _shared: list[str] = []  # the directory of `many_kept`
 _turn = threading.RLock()  # numba's cache setting is process-wide
-_ROOM = 50_000_000  # bytes; a piece takes up to a few megabytes
+_ROOM = 50_000_000  # bytes; a kernel takes up to a few megabytes
 _SEAL = hashlib.sha256().digest_size
 
 
@@ -111,7 +111,7 @@ def kept(name: str) -> Iterator[None]:
         contextlib.nullcontext(_shared[0]) if _shared else _private_directory() as place,
     ):
         folder = Path(place)
-        for file in _files(folder):  # of the piece before
+        for file in _files(folder):  # of the kernel before
             file.unlink()
         found = _read(path)
         for relative, content in found.items():
@@ -124,7 +124,7 @@ def kept(name: str) -> Iterator[None]:
         try:
             yield
         except OSError as error:
-            error.filename = str(folder.parent)  # rather than the name of a piece of code
+            error.filename = str(folder.parent)  # rather than the name of a kernel of code
             raise
         finally:
             config.CACHE_DIR = before
@@ -142,11 +142,11 @@ def _files(folder: Path) -> list[Path]:
 
 @contextlib.contextmanager
 def many_kept() -> Iterator[None]:
-    """Context in which numba uses one private directory for all pieces. On a file system that
-    discards what is deleted, removing one takes 7 ms, as long as loading a piece.
+    """Context in which numba uses one private directory for all kernels. On a file system that
+    discards what is deleted, removing one takes 7 ms, as long as loading a kernel.
     """
     with _turn, contextlib.ExitStack() as opened:
-        with contextlib.suppress(OSError):  # each piece tries it again
+        with contextlib.suppress(OSError):  # each kernel tries it again
             if not _shared:
                 _shared.append(opened.enter_context(_private_directory()))
                 opened.callback(_shared.clear)

@@ -17,7 +17,7 @@ In compiled code `grid[i, j]` is a number, `grid[i]` of two dimensions a row, `l
 numpy's. The entries of `Lanes` are vectors of LANES numbers (`compiling.lanes`); `load(grid, d, i)`
 and `store(grid, d, i, vector)` access LANES successive entries of ordinary numbers.
 
-With DLO_SIM_CHECK=1 every index is checked, and an IndexError names the dimension. (A piece that
+With DLO_SIM_CHECK=1 every index is checked, and an IndexError names the dimension. (A kernel that
 was called by another one cannot raise it: there Python writes it to stderr as unraisable, and the
 run goes on with a result that means nothing.) With NUMBA_DISABLE_JIT=1 compiled functions are
 Python, and grids the arrays themselves.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import boolean
 
-from dlo_sim.compiling.pieces import part, piece
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.engine.arrays import BENDING, CABLE, ENERGIES, MARGIN, STRETCHING, TORSION, WEIGHT
 from dlo_sim.engine.assembly import all_energies
 from dlo_sim.engine.lines import kinetic
@@ -21,7 +21,7 @@ EPSILON = 2.2e-16
 COUNT = len(ENERGIES)
 
 
-@part
+@inline
 def strain_round_off(stiffness, energy, strain):
     """Round-off [J] of E = k eps^2 / 2 due to an error `strain` of eps: k (eps strain + strain^2).
 
@@ -30,7 +30,7 @@ def strain_round_off(stiffness, energy, strain):
     return np.sqrt(2.0 * abs(energy) * stiffness) * strain + stiffness * strain * strain
 
 
-@part
+@inline
 def raise_floor(cable):
     """Raise `balance.floor` to RESOLUTION times the round-off of the energies of `measure`.
 
@@ -54,7 +54,7 @@ def raise_floor(cable):
     state.balance.floor = max(state.balance.floor, RESOLUTION * noise)
 
 
-@part
+@inline
 def count_torsion(cable):
     """Update the counts of samples whose torsion is suppressed (`engine.torsion`)."""
     if cable.terms & TORSION:
@@ -65,7 +65,7 @@ def count_torsion(cable):
         balance.torsion_worst = max(balance.torsion_worst, count)
 
 
-@part
+@inline
 def measure(cable):
     """Write the kinetic energy of w to `work.results.kinetic`, and the potential energies by term
     to `work.energies` and `state.energy` [J].
@@ -77,7 +77,7 @@ def measure(cable):
         state.energy[k] = work.energies[k]
 
 
-@part
+@inline
 def with_potentials(cable, total):
     """`total` plus the potential energies of `measure` [J]."""
     for k in range(COUNT):
@@ -85,7 +85,7 @@ def with_potentials(cable, total):
     return total
 
 
-@part
+@inline
 def open_account(cable):
     """Start the balance at the present state; it must be zero except for `floor`."""
     state, work = cable.state, cable.work
@@ -98,7 +98,7 @@ def open_account(cable):
     state.balance.energy_start = with_potentials(cable, work.results.kinetic)
 
 
-@part
+@inline
 def open_balance(cable):
     """|energy - start - work + dissipated| and the largest energy exchanged so far [J]; the energy
     is in `work.results.total`.
@@ -114,7 +114,7 @@ def open_balance(cable):
     return abs(error - balance.pending + balance.dissipated), exchanged
 
 
-@piece(boolean, CABLE)
+@kernel(boolean, CABLE)
 def update_account(cable):
     """Update the error of the energy balance (`open_balance`).
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from numba import void
 
 from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.kernels import NO, YES, inline, kernel
 from dlo_sim.compiling.lanes import LANES, fabs, lane_sum, zero
-from dlo_sim.compiling.pieces import NO, YES, part, piece
 from dlo_sim.engine import (
     bishop,
     buoyancy,
@@ -45,7 +45,7 @@ from dlo_sim.engine.natural_curvature import natural_force
 from dlo_sim.engine.springs import spring_energy, spring_force
 
 
-@part
+@inline
 def start_with_weight(cable, out):
     """out = generalised weight, which is zero without gravity."""
     for line in range(cable.lines):
@@ -56,7 +56,7 @@ def start_with_weight(cable, out):
                 store(out, line, c, 0.0)
 
 
-@piece(void, CABLE, LINES, LINES)
+@kernel(void, CABLE, LINES, LINES)
 def all_forces(cable, x, out):
     """out = - dU/dq of all terms."""
     start_with_weight(cable, out)
@@ -75,7 +75,7 @@ def all_forces(cable, x, out):
     self_contact.add_force(cable, 0.0, x, out)
 
 
-@piece(void, CABLE, LINES, VECTOR)
+@kernel(void, CABLE, LINES, VECTOR)
 def all_energies(cable, x, out):
     """Potential energies [J] by term (`arrays.ENERGIES`), and at last the sum of the absolute
     values of the summands of the gravitational energy, a measure of its round-off.
@@ -107,7 +107,7 @@ def all_energies(cable, x, out):
     self_contact.energy(cable, x, out)
 
 
-@part
+@inline
 def discrete_gradient(cable, x0, x1, moved, viscous, out):
     """out -= discrete gradient between x0 and x1, and viscous forces; returns the energy [J] that
     these dissipate (`elastic.discrete_force`). Implicit steps treat twist and contact apart.
@@ -120,7 +120,7 @@ def discrete_gradient(cable, x0, x1, moved, viscous, out):
     return lost
 
 
-@part
+@inline
 def discrete_jacobian(cable, x0, x1, viscous, scale, band):
     """band += scale times the Jacobian of `discrete_gradient` with respect to x1."""
     add_tangent(cable, x0, x1, viscous, scale, band)
@@ -128,19 +128,19 @@ def discrete_jacobian(cable, x0, x1, viscous, scale, band):
     buoyancy.tangent(cable, x0, x1, scale, band)
 
 
-@part
+@inline
 def add_damping(cable, x, moved, scale, out):
     """out -= scale C(x) moved of the terms whose damping depends on the shape."""
     drag.drag_force(cable, x, moved, scale, out)
 
 
-@part
+@inline
 def add_damping_tangent(cable, x, moved, scale, band):
     """band += scale C(x) of the terms whose damping depends on the shape."""
     drag.drag_tangent(cable, x, moved, scale, band)
 
 
-@part
+@inline
 def flow(cable):
     """Update the internal variables of the terms at the end of a step. Return whether that may
     change the forces, so that the next step must evaluate them again.

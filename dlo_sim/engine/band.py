@@ -28,8 +28,8 @@ from __future__ import annotations
 from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.kernels import NO, YES, inline, kernel
 from dlo_sim.compiling.lanes import LANES, lane
-from dlo_sim.compiling.pieces import NO, YES, part, piece
 from dlo_sim.engine.arrays import (
     BETWEEN,
     BISHOP,
@@ -50,7 +50,7 @@ from dlo_sim.terms.vectors import cross
 # -- the matrix ----------------------------------------------------------------------------------
 
 
-@part
+@inline
 def clear_band(band):
     """band = 0."""
     for r in range(len(band)):
@@ -58,7 +58,7 @@ def clear_band(band):
             store(band, r, c, 0.0)
 
 
-@part
+@inline
 def add_to_spans(cable, b, first, other, i, j, values, band):
     """Add `values`, one for each span of block b, to the matrix entries between line i of the
     span's control point `first` (0 to 3) and line j of its control point `other`.
@@ -69,7 +69,7 @@ def add_to_spans(cable, b, first, other, i, j, values, band):
         band[(LANES * b + span + first) * dim + i, column] += lane(values, span)
 
 
-@part
+@inline
 def add_lines(cable, matrix, scale, band):
     """band += scale times a matrix of seven diagonals (7, columns), equal on all spatial lines."""
     dim, n = cable.dim, cable.n
@@ -81,7 +81,7 @@ def add_lines(cable, matrix, scale, band):
                 band[i * dim + d, (k - 3) * dim + half] += value
 
 
-@part
+@inline
 def add_springs(cable, scale, band):
     """band += scale times the stiffness of all springs except roll springs and joints."""
     dim, rows, points = cable.dim, cable.rows, cable.points
@@ -100,14 +100,14 @@ def add_springs(cable, scale, band):
 # -- constraint rows at control points -----------------------------------------------------------
 
 
-@part
+@inline
 def own_point(cable, k):
     """Control point in space that row k fixes; -1 for the twist or between control points."""
     point = cable.rows.point[k]
     return -1 if cable.points.twist[point] == 1 else cable.points.own[point]
 
 
-@part
+@inline
 def frame_of(cable, k, directions):
     """Tangent and two normals of the clamp whose rows begin at k; `directions`: (rows, 3)."""
     if cable.dim == 2:
@@ -118,7 +118,7 @@ def frame_of(cable, k, directions):
     return cross(a, b), a, b
 
 
-@part
+@inline
 def clamps_here(cable, k):
     """Whether k is the first row of a clamp at a control point."""
     rows = cable.rows
@@ -127,7 +127,7 @@ def clamps_here(cable, k):
     return k == 0 or cable.dim == 2 or rows.point[k - 1] != rows.point[k]
 
 
-@part
+@inline
 def into_frame(f, v0, v1, v2):
     """Components in the frame f of a vector v."""
     return (
@@ -137,7 +137,7 @@ def into_frame(f, v0, v1, v2):
     )
 
 
-@part
+@inline
 def out_of_frame(f, v0, v1, v2):
     """Vector from its components v in the frame f."""
     return (
@@ -147,7 +147,7 @@ def out_of_frame(f, v0, v1, v2):
     )
 
 
-@piece(void, CABLE, LINES, boolean, VECTOR, int64, family=IMPLICIT | BETWEEN)
+@kernel(void, CABLE, LINES, boolean, VECTOR, int64, family=IMPLICIT | BETWEEN)
 def turn_vector(cable, directions, inward, numbers, begin):
     """Rotate a vector of all unknowns, whose first is numbers[begin], into the frames of the
     clamps, or back.
@@ -165,7 +165,7 @@ def turn_vector(cable, directions, inward, numbers, begin):
             numbers[at + 2] = u[2]
 
 
-@part
+@inline
 def turn_entries(dim, f, band, r, c, down, right):
     """Rotate `dim` entries of the matrix into the frame f; the first is at [r, c], the next at
     [r + down, c + right].
@@ -179,7 +179,7 @@ def turn_entries(dim, f, band, r, c, down, right):
         band[r + 2 * down, c + 2 * right] = u[2]
 
 
-@piece(void, CABLE, LINES, LINES, LINES, family=IMPLICIT | BETWEEN)
+@kernel(void, CABLE, LINES, LINES, LINES, family=IMPLICIT | BETWEEN)
 def hold(cable, rows, columns, band):
     """Rotate the matrix into the frames of the clamps, with directions `rows` (rows, 3) for the
     equations and `columns` for the unknowns, and make the equations of fixed unknowns those of the
@@ -205,7 +205,7 @@ def hold(cable, rows, columns, band):
             hold_unknown(dim, own_point(cable, k) * dim + line, band)
 
 
-@part
+@inline
 def hold_unknown(dim, r, band):
     """Make row r of the matrix a row of the identity."""
     for c in range(8 * dim):
@@ -213,7 +213,7 @@ def hold_unknown(dim, r, band):
     band[r, 4 * dim - 1] = 1.0
 
 
-@part
+@inline
 def clear_held(cable, numbers, begin):
     """Set the entries of fixed unknowns to zero, in a vector in the frames of the clamps whose
     first unknown is numbers[begin].
@@ -233,7 +233,7 @@ def clear_held(cable, numbers, begin):
 # -- LU factors ----------------------------------------------------------------------------------
 
 
-@piece(boolean, LINES, int64, int64, family=IMPLICIT | BETWEEN)
+@kernel(boolean, LINES, int64, int64, family=IMPLICIT | BETWEEN)
 def eliminate(band, size, dim):
     """LU factorisation in place without pivoting; false if a pivot is zero or not finite.
 
@@ -261,7 +261,7 @@ def eliminate(band, size, dim):
     return True
 
 
-@piece(void, LINES, int64, int64, VECTOR, family=IMPLICIT | BETWEEN)
+@kernel(void, LINES, int64, int64, VECTOR, family=IMPLICIT | BETWEEN)
 def substitute(band, size, dim, x):
     """Forward and back substitution with the factors of `eliminate`, in place.
 
@@ -276,7 +276,7 @@ def substitute(band, size, dim, x):
         substitute_rows(band, size, 15, x)
 
 
-@part
+@inline
 def substitute_rows(band, size, half, x):
     """`substitute` for one half bandwidth.
 
@@ -296,7 +296,7 @@ def substitute_rows(band, size, half, x):
         x[at] = value * row[half]
 
 
-@piece(void, LINES, int64, int64, VECTOR, family=BETWEEN)
+@kernel(void, LINES, int64, int64, VECTOR, family=BETWEEN)
 def substitute_transposed(band, size, dim, x):
     """Solution with the transposed matrix, as `substitute`: K^T = U^T L^T."""
     half = 4 * dim - 1
@@ -311,7 +311,7 @@ def substitute_transposed(band, size, dim, x):
             x[at - half + k] -= row[k] * x[at]
 
 
-@piece(void, CABLE, VECTOR, terms=ROLLING | BISHOP)
+@kernel(void, CABLE, VECTOR, terms=ROLLING | BISHOP)
 def substitute_rolling(cable, x):
     """`substitute` with the factors in `work.rolling_band`, in which the twist is the last of four
     unknowns of a control point, with a right-hand side of zero.
@@ -327,7 +327,7 @@ def substitute_rolling(cable, x):
             x[PADDING + 3 * i + d] = side[PADDING + 4 * i + d]
 
 
-@part
+@inline
 def solve(cable, band, x):
     """`substitute` with the factors of the last Newton matrix of a step, in `band` or, where the
     cable presses on itself, in the skyline, or, where it rolls, in `work.rolling_band`.
@@ -343,32 +343,32 @@ def solve(cable, band, x):
 # -- border rows ---------------------------------------------------------------------------------
 
 
-@part
+@inline
 def bordered(cable):
     """Number of border rows: rigid ones between control points, then joints that give."""
     return cable.rows.border + cable.rows.joints
 
 
-@part
+@inline
 def border_row(cable, k):
     """Constraint row of border row k."""
     return cable.rows.count - cable.rows.border + k
 
 
-@part
+@inline
 def windows(cable, k):
     """Places that border row k couples: 1, or 2 between branches."""
     return 2 if cable.points.other[cable.rows.point[border_row(cable, k)]] >= 0 else 1
 
 
-@part
+@inline
 def window(cable, k, w):
     """First of the 4 dim unknowns of border row k at its place w."""
     point = cable.rows.point[border_row(cable, k)]
     return cable.dim * (cable.points.other[point] if w == 1 else cable.points.first[point])
 
 
-@part
+@inline
 def along(cable, matrix, k, y, begin):
     """Product of border row k of F or C with the unknowns y[begin], y[begin + 1], ..."""
     value = 0.0
@@ -379,7 +379,7 @@ def along(cable, matrix, k, y, begin):
     return value
 
 
-@part
+@inline
 def spread(cable, matrix, k, scale, y, begin):
     """Add `scale` times border row k of F to the unknowns y[begin], y[begin + 1], ..."""
     for w in range(windows(cable, k)):
@@ -388,7 +388,7 @@ def spread(cable, matrix, k, scale, y, begin):
             y[at + r] += scale * matrix[k, w, r]
 
 
-@part
+@inline
 def write_border(cable, directions, free, out):
     """Write the border rows with directions (rows, 3), in the frames of the clamps, to `out`
     (border, places, 4 dim). `free`: zero at the unknowns that other constraint rows fix.
@@ -416,7 +416,7 @@ def write_border(cable, directions, free, out):
                 out[k, w, r] = spare[window(cable, k, w) + r]
 
 
-@piece(void, CABLE, LINES, LINES, terms=BORDERED)
+@kernel(void, CABLE, LINES, LINES, terms=BORDERED)
 def set_border(cable, pushed, kept):
     """Set F with the directions `pushed`, C with the directions `kept`, and (F F^T)^-1."""
     work, border = cable.work, cable.rows.border
@@ -434,7 +434,7 @@ def set_border(cable, pushed, kept):
     invert_in_place(work.border_gram)
 
 
-@part
+@inline
 def invert_in_place(a):
     """Gauss-Jordan inverse without pivoting, for nearly symmetric positive definite matrices."""
     size = len(a)
@@ -451,7 +451,7 @@ def invert_in_place(a):
                     a[i, j] -= factor * a[k, j]
 
 
-@piece(void, CABLE, LINES, terms=BORDERED)
+@kernel(void, CABLE, LINES, terms=BORDERED)
 def stiffen_border(cable, band):
     """Add F^T C of the rigid rows at one place to the band matrix, each scaled to the largest
     diagonal entry where it acts.
@@ -471,7 +471,7 @@ def stiffen_border(cable, band):
                 band[begin + r, q - r + half] += stiffness / norm * f[r] * c[q]
 
 
-@piece(void, CABLE, LINES, float64, terms=BORDERED)
+@kernel(void, CABLE, LINES, float64, terms=BORDERED)
 def solve_border(cable, band, share):
     """Compute Z = K^-1 F^T and (C Z + compliance)^-1 with the LU factors of K. `share`: of the
     stiffness of joints in the matrix, as of the other springs.
@@ -490,7 +490,7 @@ def solve_border(cable, band, share):
     invert_in_place(work.border_system)
 
 
-@piece(void, CABLE, VECTOR, terms=BORDERED)
+@kernel(void, CABLE, VECTOR, terms=BORDERED)
 def keep_border(cable, y):
     """Let a correction y, of which unknown r is y[PADDING + r], keep the border rows:
     y <- (1 - Z (C Z + compliance)^-1 C) y.
@@ -508,7 +508,7 @@ def keep_border(cable, y):
             y[r] -= share * z[r]
 
 
-@piece(void, CABLE, VECTOR, terms=BORDERED)
+@kernel(void, CABLE, VECTOR, terms=BORDERED)
 def keep_border_transposed(cable, y):
     """The transpose of `keep_border`: y <- (1 - C^T (C Z + compliance)^-T Z^T) y."""
     work, count = cable.work, bordered(cable)
@@ -525,7 +525,7 @@ def keep_border_transposed(cable, y):
         spread(cable, work.border_condition, k, -share, y, PADDING)
 
 
-@piece(void, CABLE, VECTOR, VECTOR, terms=BORDERED)
+@kernel(void, CABLE, VECTOR, VECTOR, terms=BORDERED)
 def balance_border(cable, residual, forces):
     """Remove from the residual, whose unknown r is residual[PADDING + r], the part that rigid
     border rows balance; write their forces to the entries of `forces` (rows,).

@@ -31,8 +31,8 @@ from __future__ import annotations
 import numpy as np
 from numba import void
 
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, zero
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import BISHOP, CABLE, LINES, MARGIN, MATERIAL, SPRUNG, TWISTING, VECTOR
 from dlo_sim.engine.grasps import first_direction
 from dlo_sim.engine.lines import copy, solve_line
@@ -55,7 +55,7 @@ from dlo_sim.terms.material_frame import unit
 from dlo_sim.terms.vectors import combined, cross, dot
 
 
-@part
+@inline
 def tau_between(t0, k0, t1, k1):
     """Change of tau [rad/m] from shape 0 to shape 1, and G, such that the twisting moment M acts on
     r' as M G. Two square roots and one division take most of the time.
@@ -67,26 +67,26 @@ def tau_between(t0, k0, t1, k1):
     return share * dot(cross(t1, t0), v), cross(combined(half, t0, half, t1), v)
 
 
-@part
+@inline
 def polynomial(a, xi):
     """a0 + a1 xi + a2 xi^2."""
     return a[0] + xi * (a[1] + xi * a[2])
 
 
-@part
+@inline
 def add_polynomial(a, f, xi):
     """a + f (1, xi, xi^2)."""
     return a[0] + f, a[1] + xi * f, a[2] + xi * xi * f
 
 
-@part
+@inline
 def tau_at(r, p, xi, s):
     """tau [rad/m] at a quadrature point of curve p, for theta's frame that follows from curve r."""
     t, k = tangent_at(r, xi), bending_at(r, xi, s)
     return tau_between(t, k, tangent_at(p, xi), bending_at(p, xi, s))[0]
 
 
-@part
+@inline
 def turn_by_shape(cable, x1, viscous, discrete, out):
     """out -= the part on theta of the discrete gradient of the twisting energy that depends on tau,
     between the start of the step and x1; or, if not `discrete`, of the gradient at x1.
@@ -120,7 +120,7 @@ def turn_by_shape(cable, x1, viscous, discrete, out):
         scatter(mesh, b, turned, -1.0, out[cable.dim])
 
 
-@part
+@inline
 def push_by_twist(cable, x0, x1, viscous, out):
     """out -= the part on the centreline (`turn_by_shape`, which wrote `work.coupling`), for the
     twist lines of x0 and x1. Returns the energy [J] dissipated beyond that of theta alone.
@@ -144,7 +144,7 @@ def push_by_twist(cable, x0, x1, viscous, out):
     return lane_sum(lost)
 
 
-@piece(*FORCE, terms=BISHOP)
+@kernel(*FORCE, terms=BISHOP)
 def force(cable, _, x, out):
     """out -= gradient of the twisting energy that depends on tau; within an implicit step
     `methods.twist_step` does that.
@@ -167,7 +167,7 @@ def force(cable, _, x, out):
         scatter(mesh, b, turned, -1.0, out[cable.dim])
 
 
-@piece(*ENERGY, terms=BISHOP)
+@kernel(*ENERGY, terms=BISHOP)
 def energy(cable, x, out):
     """Add the part of the twisting energy that depends on tau [J]."""
     mesh, sum_ = cable.mesh, zero()
@@ -181,7 +181,7 @@ def energy(cable, x, out):
     out[TWISTING] += lane_sum(sum_)
 
 
-@part
+@inline
 def squares_lost(cable, x, rates, psi):
     """Integral of (theta' + tau - rest)^2 - (theta' + psi' - rest)^2 [1/m], tau from `rates`."""
     mesh, sum_ = cable.mesh, zero()
@@ -195,14 +195,14 @@ def squares_lost(cable, x, rates, psi):
     return lane_sum(sum_)
 
 
-@part
+@inline
 def normalised(v0, v1, v2):
     """Unit vector along numbers v."""
     inverse = 1.0 / np.sqrt(v0 * v0 + v1 * v1 + v2 * v2)
     return inverse * v0, inverse * v1, inverse * v2
 
 
-@part
+@inline
 def edge(cable, x, own):
     """Unit tangent at the end of the cable with control point `own`."""
     at = MARGIN + max(own, 1)
@@ -210,7 +210,7 @@ def edge(cable, x, own):
     return normalised(x[0, at] - x[0, at - 1], x[1, at] - x[1, at - 1], v2)
 
 
-@part
+@inline
 def span_tangent(cable, x, span, xi):
     """Unit tangent of one span at a local coordinate."""
     b, own = span // LANES, span % LANES
@@ -226,7 +226,7 @@ def span_tangent(cable, x, span, xi):
     return normalised(t0, t1, t2)
 
 
-@part
+@inline
 def half_area(a, b, c):
     """Cosine and sine, times a common factor, of half the signed area of the spherical triangle of
     unit vectors a, b, c. A frame transported a -> b -> c by the smallest rotations leads one
@@ -238,20 +238,20 @@ def half_area(a, b, c):
     return 1.0 + sides + c[0] * a[0] + c[1] * a[1] + c[2] * a[2], triple
 
 
-@part
+@inline
 def area(a, b, c):
     """Signed area of the spherical triangle of unit vectors a, b, c."""
     cosine, sine = half_area(a, b, c)
     return 2.0 * np.arctan2(sine, cosine)
 
 
-@part
+@inline
 def joined(a, b):
     """Cosine and sine of the sum of two angles given by theirs."""
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
 
 
-@part
+@inline
 def twice_angle(whole, guess):
     """Twice the angle with cosine and sine `whole`, up to multiples of two turns: the value closest
     to `guess`.
@@ -260,7 +260,7 @@ def twice_angle(whole, guess):
     return turned + 4.0 * np.pi * np.floor((guess - turned) / (4.0 * np.pi) + 0.5)
 
 
-@part
+@inline
 def turn_by_arcs(cable, x, last, end, arcs, guess):
     """Integral of tau up to the local coordinate `end` of span `last`: the angle by which the frame
     carried along in time leads the one transported along the cable.
@@ -286,7 +286,7 @@ def turn_by_arcs(cable, x, last, end, arcs, guess):
     return twice_angle(whole, guess)
 
 
-@part
+@inline
 def strip(a, b, c, d):
     """Cosine and sine of half the area between the chords a -> b (old) and c -> d (new)."""
     c0, s0 = half_area(a, b, d)
@@ -296,7 +296,7 @@ def strip(a, b, c, d):
     return scale * cosine, scale * sine
 
 
-@part
+@inline
 def angle_of(strips, guess):
     """Twice the sum of the angles whose cosines and sines are in the lanes of `strips`, as
     `twice_angle`.
@@ -307,7 +307,7 @@ def angle_of(strips, guess):
     return twice_angle(whole, guess)
 
 
-@part
+@inline
 def cable_turned(cable, x, guess):
     """Integral of tau up to the end of the cable, as `turn_by_arcs`, eight spans at a time:
     Richardson extrapolation of one and of two chords per span.
@@ -324,7 +324,7 @@ def cable_turned(cable, x, guess):
     return (4.0 * angle_of(fine, guess) - angle_of(coarse, guess)) / 3.0
 
 
-@piece(void, CABLE, VECTOR, LINES, terms=SPRUNG)
+@kernel(void, CABLE, VECTOR, LINES, terms=SPRUNG)
 def follow_springs(cable, psi, x):
     """Transform the anchors of the roll springs to the new frame of theta. The change of spring
     energy, by the error of psi and by the path of the tangent, counts as work of the grasp.
@@ -353,7 +353,7 @@ def follow_springs(cable, psi, x):
             state.anchor_counted[k] += moved
 
 
-@piece(*FLOW, terms=BISHOP)
+@kernel(*FLOW, terms=BISHOP)
 def follow_shape(cable):
     """Transform theta and the angles of the grasps to the Bishop frame of the present shape."""
     mesh, state, rows, n, twist = cable.mesh, cable.state, cable.rows, cable.n, cable.dim

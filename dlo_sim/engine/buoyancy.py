@@ -8,8 +8,8 @@ one diameter.
 
 from __future__ import annotations
 
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import lane_sum, zero
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import SURFACE, WEIGHT
 from dlo_sim.engine.band import add_to_spans
 from dlo_sim.engine.spans import add_cubic, integrated, line_polynomial, scatter_values
@@ -17,7 +17,7 @@ from dlo_sim.engine.term import ENERGY, FORCE, TANGENT
 from dlo_sim.terms import wet_section
 
 
-@part
+@inline
 def depth_polynomial(cable, x, b):
     """`line_polynomial` of t but for its constant part, `physics.water_level`."""
     up = cable.physics.water_up
@@ -30,26 +30,26 @@ def depth_polynomial(cable, x, b):
     return a0, a1, a2, a3
 
 
-@part
+@inline
 def depth_at(cable, b, p, xi):
     """Depth of the centerline below the surface at a local coordinate [radii]."""
     return integrated(1.0 / cable.mesh.slope[b], p, xi) + cable.physics.water_level
 
 
-@part
+@inline
 def weight_of(cable, b):
     """Length of a part of a span [m], 0 on lanes beyond the last span."""
     half = 1.0 / cable.mesh.slope[b]
     return (4.0 / cable.physics.water_parts) * cable.mesh.share[b] * half * half
 
 
-@part
+@inline
 def middle_of(cable, k):
     """Local coordinate of the middle of part k of a span."""
     return (2.0 * k + 1.0) / cable.physics.water_parts - 1.0
 
 
-@piece(*ENERGY, terms=SURFACE)
+@kernel(*ENERGY, terms=SURFACE)
 def energy(cable, x, out):
     """Add the energy [J] to that of gravity."""
     sum_ = zero()
@@ -60,7 +60,7 @@ def energy(cable, x, out):
     out[WEIGHT] += cable.physics.buoyancy * lane_sum(sum_)
 
 
-@piece(*FORCE, terms=SURFACE)
+@kernel(*FORCE, terms=SURFACE)
 def force(cable, x0, x1, out):
     """out -= discrete gradient of the energy between x0 and x1."""
     mesh, physics = cable.mesh, cable.physics
@@ -79,7 +79,7 @@ def force(cable, x0, x1, out):
             scatter_values(mesh, b, f, physics.buoyancy * physics.water_up[line], out[line])
 
 
-@piece(*TANGENT, terms=SURFACE)
+@kernel(*TANGENT, terms=SURFACE)
 def tangent(cable, x0, x1, scale, band):
     """band += scale times the Jacobian of the discrete gradient with respect to x1."""
     mesh, physics = cable.mesh, cable.physics
@@ -110,7 +110,7 @@ def tangent(cable, x0, x1, scale, band):
                         add_to_spans(cable, b, first, other, i, j, value, band)
 
 
-@part
+@inline
 def value_polynomial(mesh, b, k):
     """Coefficients of basis function k of a span by powers of xi."""
     m, inverse = mesh.slopes, 1.0 / mesh.slope[b]
@@ -122,7 +122,7 @@ def value_polynomial(mesh, b, k):
     )
 
 
-@part
+@inline
 def product(d, m0, m1, m2, m3):
     """Sum of coefficients times moments."""
     return d[0] * m0 + d[1] * m1 + (d[2] * m2 + d[3] * m3)

@@ -57,6 +57,7 @@ import numpy as np
 from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import grid, load, store
+from dlo_sim.compiling.kernels import ARRAY_2D, inline, kernel
 from dlo_sim.compiling.lanes import (
     LANES,
     any_above,
@@ -68,7 +69,6 @@ from dlo_sim.compiling.lanes import (
     where,
     zero,
 )
-from dlo_sim.compiling.pieces import ARRAY_2D, part, piece
 from dlo_sim.engine.arrays import (
     CABLE,
     CONTACT,
@@ -136,13 +136,13 @@ AHEAD = 16.0  # expected motions of a step that the margin of the broad phase al
 # -- obstacles -----------------------------------------------------------------------------------
 
 
-@part
+@inline
 def line_axis(cable, d):
     """World axis of line d; that normal to the plane of a planar cable for d = 2."""
     return cable.axes[d] if d < cable.dim else 3 - cable.axes[0] - cable.axes[1]
 
 
-@piece(void, CABLE, int64, int64, float64, terms=CONTACT)
+@kernel(void, CABLE, int64, int64, float64, terms=CONTACT)
 def set_pose(cable, o, at, t):
     """Set the pose of obstacle o at time t, its entries from `at` on."""
     m, pose = cable.inputs.obstacle[o], cable.state.pose[o]
@@ -158,7 +158,7 @@ def set_pose(cable, o, at, t):
         pose[at + 9 + d] = m[POSITION + a] + s * way - cable.contact.still[a]
 
 
-@part
+@inline
 def settle_overlap(cable, o, at):
     """The overlap at the start (0) or end (1) of a step is that of the whole step."""
     for k in range(int(cable.state.near_count[o])):
@@ -166,7 +166,7 @@ def settle_overlap(cable, o, at):
         overlap[1 - at] = overlap[at]
 
 
-@part
+@inline
 def settle_pose(pose, at):
     """The pose at `at` is that of the whole step."""
     for k in range(12):
@@ -176,7 +176,7 @@ def settle_pose(pose, at):
         pose[END + k] = value
 
 
-@part
+@inline
 def let_all_be_near(cable):
     """Let all groups of samples be near all obstacles until a step begins."""
     contact, state = cable.contact, cable.state
@@ -188,13 +188,13 @@ def let_all_be_near(cable):
             state.near[o, k] = contact.begin[o] + k
 
 
-@piece(void, int64, terms=CONTACT)
+@kernel(void, int64, terms=CONTACT)
 def look_everywhere(address):
     """`let_all_be_near`."""
     let_all_be_near(cable_at(address))
 
 
-@piece(void, int64, float64, terms=CONTACT)
+@kernel(void, int64, float64, terms=CONTACT)
 def place_obstacles(address, t):
     """Set the poses of all obstacles to those at time t."""
     cable = cable_at(address)
@@ -204,7 +204,7 @@ def place_obstacles(address, t):
     let_all_be_near(cable)
 
 
-@part
+@inline
 def obstacles_move(cable):
     """Whether any obstacle moves or was moved."""
     for o in range(cable.contact.count):
@@ -213,7 +213,7 @@ def obstacles_move(cable):
     return False
 
 
-@part
+@inline
 def pose_way(cable, o):
     """By how much at most a point of the core of obstacle o moves in the step [m]."""
     pose = cable.state.pose[o]
@@ -227,7 +227,7 @@ def pose_way(cable, o):
     return np.sqrt(way) + np.sqrt(turn) * cable.contact.extent[o]
 
 
-@part
+@inline
 def turned_back(pose, at, v):
     """R^T v."""
     return (
@@ -237,13 +237,13 @@ def turned_back(pose, at, v):
     )
 
 
-@part
+@inline
 def to_body(pose, at, r):
     """R^T (r - c)."""
     return turned_back(pose, at, (r[0] - pose[at + 9], r[1] - pose[at + 10], r[2] - pose[at + 11]))
 
 
-@part
+@inline
 def to_lines(pose, at, v):
     """R v."""
     return (
@@ -253,7 +253,7 @@ def to_lines(pose, at, v):
     )
 
 
-@part
+@inline
 def from_body(pose, at, y):
     """R y + c."""
     return combined(1.0, to_lines(pose, at, y), 1.0, (pose[at + 9], pose[at + 10], pose[at + 11]))
@@ -262,7 +262,7 @@ def from_body(pose, at, y):
 # -- samples of the cable ------------------------------------------------------------------------
 
 
-@part
+@inline
 def line_of(cable, x, line, g, e):
     """Sum of one line of the control points of the spans of a group with weights e (4)."""
     at, value = cable.contact.first[g], zero()
@@ -274,26 +274,26 @@ def line_of(cable, x, line, g, e):
     return value
 
 
-@part
+@inline
 def line_at(cable, x, g, line):
     """One line of x at the samples of a group."""
     return line_of(cable, x, line, g, cable.contact.basis[g])
 
 
-@part
+@inline
 def weighted(cable, x, g, e):
     """Sums of the control points of the spans of a group with weights e (4)."""
     third = line_of(cable, x, 2, g, e) if cable.dim == 3 else zero()
     return line_of(cable, x, 0, g, e), line_of(cable, x, 1, g, e), third
 
 
-@part
+@inline
 def sample_at(cable, x, g):
     """Points of the curve at the samples of a group."""
     return weighted(cable, x, g, cable.contact.basis[g])
 
 
-@part
+@inline
 def push_line(cable, g, line, f, out):
     """out += one line of the forces on the samples of a group."""
     e, at = cable.contact.basis[g], cable.contact.first[g]
@@ -304,7 +304,7 @@ def push_line(cable, g, line, f, out):
             out[line, at + k] += lane_sum(e[k] * f)
 
 
-@part
+@inline
 def push_samples(cable, g, f, out):
     """out += forces on the samples of a group."""
     push_line(cable, g, 0, f[0], out)
@@ -313,13 +313,13 @@ def push_samples(cable, g, f, out):
         push_line(cable, g, 2, f[2], out)
 
 
-@part
+@inline
 def put(kept, at, v):
     """Set three successive entries of lanes."""
     kept[at], kept[at + 1], kept[at + 2] = v
 
 
-@part
+@inline
 def same_place(kept, y):
     """Whether `work.measured` of a group is known, and that of its places y; not if a place is not
     finite.
@@ -328,7 +328,7 @@ def same_place(kept, y):
     return lane_sum(fabs(a) + fabs(b) + fabs(c)) == 0.0 and any_above(kept[FAR])
 
 
-@piece(void, CABLE, int64, int64, int64, LINES, terms=CONTACT)
+@kernel(void, CABLE, int64, int64, int64, LINES, terms=CONTACT)
 def measure(cable, o, g, when, x):
     """Set `work.measured[o, g, when]` to the points on x of the samples of a group, their places in
     the frame of an obstacle, and the distance of these; `when`: BEGUN for its pose at the start of
@@ -347,7 +347,7 @@ def measure(cable, o, g, when, x):
         set_distance(cable, o, g, when, y)
 
 
-@part
+@inline
 def obstacle_turn(pose):
     """Rotation of an obstacle in the step, to second order, as a vector in its frame."""
     turn = zero(), zero(), zero()
@@ -362,7 +362,7 @@ def obstacle_turn(pose):
     return turn
 
 
-@part
+@inline
 def rolled(cable, o, g, x, n):
     """The angle phi by which the cable turns about its axis relative to an obstacle in a step to x,
     and the lever l, at the mean tangent of the step.
@@ -380,7 +380,7 @@ def rolled(cable, o, g, x, n):
 # -- forces, energy, Jacobian --------------------------------------------------------------------
 
 
-@part
+@inline
 def misses(contact, o, g0, g1, dy):
     """Whether no lane touches or passes an obstacle in a step dy: it is outside before and after,
     and moves by no more than both gaps; false for a half space, where nothing is saved.
@@ -395,7 +395,7 @@ def misses(contact, o, g0, g1, dy):
     return not any_above(1.0 - where(g0, where(g1, where(room, 1.0, 0.0), 0.0), 0.0))
 
 
-@part
+@inline
 def toward(contact, o, before, after, gaps, dy):
     """n of a step dy between two `measured` with this sum of the gaps, and 1 where it may have
     passed the obstacle.
@@ -414,7 +414,7 @@ def toward(contact, o, before, after, gaps, dy):
     return combined(1.0, mean, (closing - dot(mean, dy)) / (way + SMOOTH), dy), jumped
 
 
-@part
+@inline
 def friction_at(cable, o, g):
     """Coefficients of friction of the samples of a group: 0 where overlap decays, as friction would
     hold fast what is pushed out in different directions.
@@ -422,7 +422,7 @@ def friction_at(cable, o, g):
     return where(cable.state.overlap[o, g, 1], 0.0, cable.contact.law[o, FRICTION])
 
 
-@part
+@inline
 def trial_at(cable, o, g, change):
     """Trial force of friction on the samples of a group at the last forces, with the spin of the
     cable in a `change`.
@@ -435,7 +435,7 @@ def trial_at(cable, o, g, change):
     return trial
 
 
-@part
+@inline
 def release(cable, o, g):
     """Let the samples of a group, none of which touches, lose their bristles; returns |z|^2."""
     z, none = three(cable.state.bristle[o, g], 0), zero()
@@ -443,7 +443,7 @@ def release(cable, o, g):
     return dot(z, z)
 
 
-@piece(void, CABLE, boolean, boolean, LINES, LINES, terms=CONTACT)
+@kernel(void, CABLE, boolean, boolean, LINES, LINES, terms=CONTACT)
 def add_force(cable, steps, waits, x, out):
     """out += contact force of a step to x from the configuration with which it began (`begin`).
 
@@ -522,7 +522,7 @@ def add_force(cable, steps, waits, x, out):
     results.contact_jumps, results.contact_deep = lane_sum(jumps), lane_sum(deep)
 
 
-@piece(void, CABLE, LINES, VECTOR, terms=CONTACT)
+@kernel(void, CABLE, LINES, VECTOR, terms=CONTACT)
 def energy(cable, x, out):
     """Add the energy of pressure and bristles [J], obstacles at the end of the last step."""
     contact, state, sum_ = cable.contact, cable.state, zero()
@@ -538,7 +538,7 @@ def energy(cable, x, out):
     out[TOUCHING] += lane_sum(sum_)
 
 
-@piece(void, CABLE, boolean, float64, LINES, terms=CONTACT)
+@kernel(void, CABLE, boolean, float64, LINES, terms=CONTACT)
 def add_tangent(cable, steps, scale, band):
     """band -= scale times the Jacobian of the last `add_force` by the end of the step."""
     contact, work, block = cable.contact, cable.work, -1
@@ -572,7 +572,7 @@ def add_tangent(cable, steps, scale, band):
         add_block(cable, block, band)
 
 
-@part
+@inline
 def block_of(cable, g):
     """Groups with the same number have the same control points: those of a block of spans, or,
     behind these, samples of one span.
@@ -580,7 +580,7 @@ def block_of(cable, g):
     return cable.contact.first[g] + (0 if g < cable.contact.coarse else cable.columns)
 
 
-@part
+@inline
 def add_samples(cable, o, g, turned_at, h, scale, block, band):
     """band += `scale` times the integral of R h R_end^T over the samples of a group, with R of the
     pose at `turned_at`. They wait in `work.contact_sums` until another block (`block_of`) begins;
@@ -599,7 +599,7 @@ def add_samples(cable, o, g, turned_at, h, scale, block, band):
     return here
 
 
-@part
+@inline
 def add_lines(sums, e, dim, pose, at, h):
     """Add what a sample with basis values e adds to so many lines of R h: see `add_line`."""
     for i in range(dim):
@@ -608,7 +608,7 @@ def add_lines(sums, e, dim, pose, at, h):
         add_line(sums, e, dim, dim, i, f)
 
 
-@part
+@inline
 def add_line(sums, e, dim, lines, i, f):
     """Add what a sample with basis values e adds to line i between all pairs of control points of
     its span, from line i of its derivative f: so many lines by dim rows of `sums` for each pair.
@@ -624,7 +624,7 @@ def add_line(sums, e, dim, lines, i, f):
             at += dim * lines
 
 
-@part
+@inline
 def take_sums(cable, block):
     """First control point of a block (`block_of`), and how many spans have their own column in
     `work.contact_sums`, where what samples of one span have is added up.
@@ -637,14 +637,14 @@ def take_sums(cable, block):
     return block - cable.columns - MARGIN, 1
 
 
-@part
+@inline
 def clear_sums(cable):
     """Let `work.contact_sums` begin another block."""
     for row in range(cable.work.contact_sums.shape[0]):
         store(cable.work.contact_sums, row, 0, 0.0)
 
 
-@part
+@inline
 def add_spans(cable, block, dim, band):
     """`add_block` for so many lines."""
     sums, half = cable.work.contact_sums, 4 * dim - 1
@@ -664,7 +664,7 @@ def add_spans(cable, block, dim, band):
                         row += 1
 
 
-@piece(void, CABLE, int64, LINES, terms=CONTACT)
+@kernel(void, CABLE, int64, LINES, terms=CONTACT)
 def add_block(cable, block, band):
     """band += `work.contact_sums` of a block, which then has none."""
     if cable.dim == 3:  # with loops of known length
@@ -677,7 +677,7 @@ def add_block(cable, block, band):
 # -- velocities after contact --------------------------------------------------------------------
 
 
-@part
+@inline
 def body_velocity(pose, y, f, g):
     """Velocity (3, by line) of points y in the frame of an obstacle: f times their way in the first
     half of a step, g times that in the second, that of the parabola through its three poses.
@@ -688,14 +688,14 @@ def body_velocity(pose, y, f, g):
     return combined(f, early, g, late)
 
 
-@part
+@inline
 def is_pressed(cable, o, g):
     """Whether any sample of a group is pressed at the end of a step, as last looked at."""
     gap = cable.work.measured[o, g, ENDED][DISTANCE] - cable.contact.reach[o]
     return any_above(-(gap + cable.state.overlap[o, g, 1]))
 
 
-@part
+@inline
 def clear_stopped(cable):
     """No impulses in the last step."""
     stopped, none = cable.state.stopped, zero()
@@ -705,7 +705,7 @@ def clear_stopped(cable):
     cable.state.balance.stopped = 0.0
 
 
-@part
+@inline
 def expect(cable, o, g, tau):
     """Set `work.impulses` of the samples of a group at the end of a step, with friction that holds
     where it did in the step.
@@ -740,7 +740,7 @@ def expect(cable, o, g, tau):
     kept[KNOWN] = none
 
 
-@part
+@inline
 def excess_velocity(cable, o, g, v):
     """Of the samples of a group with the velocities v: that of their surface relative to an
     obstacle across the normal, in its frame, and by how much that along it exceeds that after
@@ -757,7 +757,7 @@ def excess_velocity(cable, o, g, v):
     return combined(1.0, u, -closing, n), closing + kept[BOUNCE]
 
 
-@part
+@inline
 def impulses_at(cable, o, g, across, excess):
     """Impulses of friction and pressure of the samples of a group, less those of the step, for
     velocities from `excess_velocity`.
@@ -767,7 +767,7 @@ def impulses_at(cable, o, g, across, excess):
     return rub, where(kept[PUSHED], kept[KNOWN] - stiff * excess, 0.0)
 
 
-@piece((float64, float64), CABLE, float64, LINES, terms=CONTACT)
+@kernel((float64, float64), CABLE, float64, LINES, terms=CONTACT)
 def begin_impulses(cable, tau, v):
     """Energy [J] of velocities that contact changes at the end of a step, and of its impulses in
     it; sets `work.impulses`.
@@ -790,7 +790,7 @@ def begin_impulses(cable, tau, v):
     return 0.5 * contact.density * lane_sum(open_), 0.5 / contact.density * lane_sum(spent)
 
 
-@piece(void, CABLE, LINES, LINES, LINES, terms=CONTACT)
+@kernel(void, CABLE, LINES, LINES, LINES, terms=CONTACT)
 def add_impulses(cable, v, push, band):
     """push += impulses on samples that have the velocities v, and band += their dependence on a
     change of v: penalties for other velocities than those after contact, and friction that slides.
@@ -817,7 +817,7 @@ def add_impulses(cable, v, push, band):
         add_block(cable, block, band)
 
 
-@piece((boolean, float64), CABLE, float64, LINES, boolean, terms=CONTACT)
+@kernel((boolean, float64), CABLE, float64, LINES, boolean, terms=CONTACT)
 def validate_impulses(cable, tau, v, last):
     """Whether friction holds and slides as `add_impulses` had it, with the velocities v after it,
     and the work of the obstacles [J]. If not, and not at the `last` time, `work.impulses` is set
@@ -868,7 +868,7 @@ def validate_impulses(cable, tau, v, last):
 # -- broad phase ---------------------------------------------------------------------------------
 
 
-@part
+@inline
 def find_near(cable, x, margin):
     """Set `state.near` to the groups of which a sample comes within `margin` of an obstacle at the
     start of the step.
@@ -888,7 +888,7 @@ def find_near(cable, x, margin):
         state.near_count[o] = near
 
 
-@part
+@inline
 def largest_way(cable, change):
     """By how much control points move at most [m]."""
     most = 0.0
@@ -900,7 +900,7 @@ def largest_way(cable, change):
     return np.sqrt(most)
 
 
-@piece(void, CABLE, float64, float64, float64, LINES, terms=CONTACT)
+@kernel(void, CABLE, float64, float64, float64, LINES, terms=CONTACT)
 def begin(cable, t0, tau, way, x):
     """Prepare a step of length tau from x that is expected to move the cable by `way` [m]: poses of
     the obstacles, and what is near them.
@@ -927,7 +927,7 @@ def begin(cable, t0, tau, way, x):
         decay_overlap(cable, tau)
 
 
-@part
+@inline
 def decay_overlap(cable, tau):
     """Let the overlap with obstacles become less in a step of length tau."""
     contact, state, left = cable.contact, cable.state, zero()
@@ -951,7 +951,7 @@ def decay_overlap(cable, tau):
     state.balance.decaying = 1.0 if lane_sum(left) > 0.0 else 0.0
 
 
-@part
+@inline
 def reset(cable):
     """The step was not made."""
     for o in range(cable.contact.count):
@@ -960,7 +960,7 @@ def reset(cable):
     cable.state.balance.decaying = cable.work.results.decaying
 
 
-@part
+@inline
 def slides_along(cable, o, g, tau):
     """|dy across n|^2 / (|dy|^2 + (RESTING tau)^2) for the motion dy of samples relative to an
     obstacle in a step of length tau: about 1 where they slide, 0 where they come along the normal n
@@ -974,7 +974,7 @@ def slides_along(cable, o, g, tau):
     return where(across, across, 0.0) / (way + rest)
 
 
-@piece(void, CABLE, float64, terms=CONTACT)
+@kernel(void, CABLE, float64, terms=CONTACT)
 def commit(cable, tau):
     """The bristles of the step become those of the state, its end poses those of its end; the
     deepest place of the run is kept.
@@ -1000,7 +1000,7 @@ def commit(cable, tau):
         settle_overlap(cable, o, 1)
 
 
-@piece(boolean, CABLE, LINES, terms=CONTACT)
+@kernel(boolean, CABLE, LINES, terms=CONTACT)
 def validate(cable, change):
     """Account for the contact in an implicit step by this change that converged, with the forces at
     its end.
@@ -1024,7 +1024,7 @@ def validate(cable, change):
 # -- what touches, for reports -------------------------------------------------------------------
 
 
-@piece(void, int64, int64, ARRAY_2D, terms=CONTACT)
+@kernel(void, int64, int64, ARRAY_2D, terms=CONTACT)
 def report(address, obstacle, out):
     """Gaps [m] and forces on the cable [N], by line, of all samples that may touch an obstacle at
     the present configuration, with the mean force of the impulses of the last step: out[group,

@@ -23,8 +23,8 @@ with h, the share of k_t + c_t that holds; mu p' e and e e only where friction s
 
 from __future__ import annotations
 
+from dlo_sim.compiling.kernels import inline
 from dlo_sim.compiling.lanes import fabs, sqrt, where
-from dlo_sim.compiling.pieces import part
 from dlo_sim.terms.one_sided import depth
 from dlo_sim.terms.vectors import combined, dot
 
@@ -32,31 +32,31 @@ TINY = 1e-30
 HOLDS = 1e-15  # of the trial force, by which friction may be less while it counts as all of it
 
 
-@part
+@inline
 def sign(a):
     """1 where a > 0, else -1."""
     return where(a, 1.0, -1.0)
 
 
-@part
+@inline
 def scaled(f, v):
     """f v."""
     return f * v[0], f * v[1], f * v[2]
 
 
-@part
+@inline
 def only(condition, v):
     """v on the lanes where the condition is above 0, else zero."""
     return where(condition, v[0], 0.0), where(condition, v[1], 0.0), where(condition, v[2], 0.0)
 
 
-@part
+@inline
 def along(n, v):
     """P v = v - n (n . v) / |n|^2."""
     return combined(1.0, v, -dot(n, v) / (dot(n, n) + TINY), n)
 
 
-@part
+@inline
 def pressure(k, damping, lands, g0, g1):
     """p, dp/dg1 and the loss by damping, for gaps before and after; `damping`: c over the length of
     the step, `lands`: l.
@@ -73,14 +73,14 @@ def pressure(k, damping, lands, g0, g1):
     return p, where(p, slope, 0.0), (elastic - p) * closing
 
 
-@part
+@inline
 def held_share(limit, trial):
     """Share of a trial force that friction of at most `limit` holds, and the size of it."""
     size = sqrt(dot(trial, trial)) + TINY
     return where(limit - size, 1.0, limit / size), size
 
 
-@part
+@inline
 def friction(k_t, whole, mu, p, n, dy, z):
     """T, the share of it that holds, z1 and the loss; `whole`: k_t + c_t."""
     held, slip = along(n, z), along(n, dy)
@@ -94,7 +94,7 @@ def friction(k_t, whole, mu, p, n, dy, z):
     return trial, share, z1, where(p, loss + share * dot(trial, slid), 0.5 * k_t * full)
 
 
-@part
+@inline
 def friction_jacobian(whole, mu, p, slope, n, trial):
     """S by rows, and the vector mu p' e by which friction changes with the gap."""
     share, size = held_share(mu * p, trial)
@@ -111,19 +111,19 @@ def friction_jacobian(whole, mu, p, slope, n, trial):
     return rows, scaled(mu * slides * slope, e)
 
 
-@part
+@inline
 def with_product(h, a, b):
     """h + a b^T of a matrix by rows."""
     return combined(1.0, h[0], a[0], b), combined(1.0, h[1], a[1], b), combined(1.0, h[2], a[2], b)
 
 
-@part
+@inline
 def product(h, v):
     """h v of a matrix by rows."""
     return dot(h[0], v), dot(h[1], v), dot(h[2], v)
 
 
-@part
+@inline
 def product_from_left(v, h):
     """v^T h of a matrix by rows."""
     return combined(1.0, combined(v[0], h[0], v[1], h[1]), v[2], h[2])

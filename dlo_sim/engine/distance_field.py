@@ -17,8 +17,8 @@ import numpy as np
 from numba import void
 
 from dlo_sim.compiling.groups import grid, load, store
+from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, ARRAY_3D, inline, kernel
 from dlo_sim.compiling.lanes import LANES, any_above, lane, sqrt, where, zero
-from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, ARRAY_3D, part, piece
 
 # Numbers of the field of an obstacle: first grid point (3) [m], cells per length [1/m], corners of
 # the box around the mesh (6) [m].
@@ -33,7 +33,7 @@ ROUGH = 1.6
 TINY = 1e-30
 
 
-@part
+@inline
 def square_from(p0, p1, p2, corners):
     """Squared distance of a point from a triangle with corners (9,)."""
     u0, u1, u2 = corners[3] - corners[0], corners[4] - corners[1], corners[5] - corners[2]
@@ -59,7 +59,7 @@ def square_from(p0, p1, p2, corners):
     return least
 
 
-@part
+@inline
 def side_of(a1, a2, b1, b2, y, z):
     """Twice the area of the triangle a, b, (y, z) in the plane x = 0, exactly opposite for b, a."""
     if (a1, a2) < (b1, b2):
@@ -67,7 +67,7 @@ def side_of(a1, a2, b1, b2, y, z):
     return -((a1 - b1) * (z - b2) - (a2 - b2) * (y - b1))
 
 
-@part
+@inline
 def cross_rays(corners, numbers, crossings):
     """Count, at the first grid point behind it, where rays along x meet a triangle: 1 or, seen from
     its other side, -1.
@@ -91,7 +91,7 @@ def cross_rays(corners, numbers, crossings):
                     crossings[i, j, k] += 1.0 if a > 0.0 else -1.0
 
 
-@part
+@inline
 def look(triangles, numbers, field, nearest, i, j, k, triangle):
     """Let a grid point know of a triangle."""
     h = 1.0 / numbers[FINENESS]
@@ -101,7 +101,7 @@ def look(triangles, numbers, field, nearest, i, j, k, triangle):
         field[i, j, k], nearest[i, j, k] = square, triangle
 
 
-@part
+@inline
 def cells_of(a, b, c, begin, fineness, count):
     """Grid points along one axis, first and last + 1, near corners at a, b and c."""
     low, high = min(a, b, c), max(a, b, c)
@@ -109,7 +109,7 @@ def cells_of(a, b, c, begin, fineness, count):
     return first, min(int((high - begin) * fineness) + NEAR + 2, count)
 
 
-@part
+@inline
 def sweep(triangles, numbers, field, nearest, direction):
     """Look at the nearest triangles of the neighbours that lie behind, in one sweep."""
     nx, ny, nz = field.shape
@@ -130,7 +130,7 @@ def sweep(triangles, numbers, field, nearest, direction):
                             look(triangles, numbers, field, nearest, i, j, k, int(found))
 
 
-@piece(void, ARRAY_2D, ARRAY, ARRAY_3D, ARRAY_3D, ARRAY_3D)
+@kernel(void, ARRAY_2D, ARRAY, ARRAY_3D, ARRAY_3D, ARRAY_3D)
 def make_field(corners, numbers_of, out, spare, crossed):
     """out = distances [m] from triangles at the points of a grid, without signs; crossed = how
     often the ray to each point meets them behind the point before, as `cross_rays` counts.
@@ -166,7 +166,7 @@ def make_field(corners, numbers_of, out, spare, crossed):
                 field[i, j, k] = np.sqrt(field[i, j, k])
 
 
-@part
+@inline
 def cubic(t):
     """Values, slopes and curvatures of the four cubic B-splines at t in a cell, 0 to 1."""
     s = 1.0 - t
@@ -180,14 +180,14 @@ def cubic(t):
     return values, slopes, (s, 3.0 * t - 2.0, 3.0 * s - 2.0, t)
 
 
-@part
+@inline
 def weighted(rows, z):
     """Sum of the first four lanes with these weights."""
     low = lane(rows, 0) * z[0] + lane(rows, 1) * z[1]
     return low + (lane(rows, 2) * z[2] + lane(rows, 3) * z[3])
 
 
-@part
+@inline
 def set_inside(found, field, begin, shape, at, fineness, place):
     """Distance, gradient and curvature from the spline at a place (3) on the grid, in lane `at`.
 
@@ -214,7 +214,7 @@ def set_inside(found, field, begin, shape, at, fineness, place):
     found[8, at], found[9, at] = weighted(cx, z[1]) * square, weighted(cy, z[1]) * square
 
 
-@part
+@inline
 def look_up(cable, o):
     """Replace in `work.looked`, on the lanes of samples that may touch, what is that of the box by
     that of the mesh: distance [m], gradient (3), second derivatives xx, yy, zz, xy, xz, yz [1/m] in
@@ -243,14 +243,14 @@ def look_up(cable, o):
             set_inside(found, field, shape[3], shape, at, fineness, place)
 
 
-@part
+@inline
 def beyond(y, low, high):
     """By how much y is beyond an interval, with its sign."""
     below, above = y - low, y - high
     return where(-below, below, where(above, above, 0.0))
 
 
-@part
+@inline
 def field_distance(cable, o, y):
     """Signed distance from a mesh at places y in its frame, its gradient and second derivatives xx,
     yy, zz, xy, xz, yz. For samples that cannot touch it is a lower bound: far from the mesh that

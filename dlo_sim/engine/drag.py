@@ -12,8 +12,8 @@ velocity of the cable they dissipate; water also works on the cable where it flo
 
 from __future__ import annotations
 
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import fabs, sqrt, zero
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import DRAG, SURFACE
 from dlo_sim.engine.band import add_to_spans
 from dlo_sim.engine.buoyancy import depth_at, depth_polynomial
@@ -34,7 +34,7 @@ from dlo_sim.terms.wet_section import share
 SLOWEST = 1e-12  # [m/s] below which a velocity across the cable has no direction
 
 
-@part
+@inline
 def law(physics, t, v, wet):
     """Force per length, but for its sign, at the unit tangent t and the velocity v [N/m], of which
     the share `wet` of the section is in water; returns it and u_t, u_n, |u_n|.
@@ -49,7 +49,7 @@ def law(physics, t, v, wet):
     return force, u_t, u_n, speed
 
 
-@piece(*DAMPING, terms=DRAG)
+@kernel(*DAMPING, terms=DRAG)
 def drag_force(cable, x, moved, scale, out):
     """out -= integral b (force per length) du at shape x and the velocity scale times `moved`."""
     mesh = cable.mesh
@@ -70,7 +70,7 @@ def drag_force(cable, x, moved, scale, out):
             scatter_values(mesh, b, f2, -1.0, out[2])
 
 
-@piece(*DAMPING_TANGENT, terms=DRAG)
+@kernel(*DAMPING_TANGENT, terms=DRAG)
 def drag_tangent(cable, x, moved, scale, band):
     """band += minus the derivative of `drag_force` with respect to `moved`.
 
@@ -96,7 +96,7 @@ def drag_tangent(cable, x, moved, scale, band):
                 add_pairs(cable, b, i, j, band)
 
 
-@part
+@inline
 def add_pairs(cable, b, i, j, band):
     """Add the entries (i, j) between all control points of every span of a block."""
     mesh, f = cable.mesh, cable.work.factors
@@ -114,7 +114,7 @@ def add_pairs(cable, b, i, j, band):
             add_to_spans(cable, b, first, other, i, j, sum_, band)
 
 
-@part
+@inline
 def wet_at(cable, b, x, xi):
     """Share of the section in water at a sample."""
     if cable.terms & SURFACE:
@@ -122,14 +122,14 @@ def wet_at(cable, b, x, xi):
     return zero() + 1.0
 
 
-@part
+@inline
 def unit_at(p, xi):
     """Unit tangent at a sample."""
     t = tangent_at(p, xi)
     return combined(1.0 / sqrt(dot(t, t)), t, 0.0, t)
 
 
-@part
+@inline
 def velocity_polynomials(cable, b, moved):
     """`line_polynomial` of three lines of `moved`; zeros for a missing one."""
     r0 = line_polynomial(cable.mesh, b, moved[0])
@@ -140,7 +140,7 @@ def velocity_polynomials(cable, b, moved):
     return r0, r1, r2
 
 
-@part
+@inline
 def velocity_at(mesh, b, r, xi, scale):
     """Velocity at a sample: scale times the value of the polynomials."""
     inverse = 1.0 / mesh.slope[b]

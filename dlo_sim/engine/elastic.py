@@ -37,8 +37,8 @@ from __future__ import annotations
 from numba import float64, void
 
 from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES, lane_sum, sqrt, zero
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import (
     ANY_STRETCH,
     BEND,
@@ -85,7 +85,7 @@ from dlo_sim.terms.vectors import combined, cross, dot
 # -- energy and force ------------------------------------------------------------------------------
 
 
-@part
+@inline
 def elastic_energy(cable, x):
     """Stretching and bending energy [J]."""
     mesh, terms = cable.mesh, cable.terms
@@ -113,7 +113,7 @@ def elastic_energy(cable, x):
     return lane_sum(stretching), lane_sum(bent)
 
 
-@part
+@inline
 def invariants_at(inner, xi):
     """c, d / s and h / s^2 at a local coordinate, from the inner products; s = d xi/du."""
     aa, ab, ac, bb, bc, cc = inner
@@ -125,7 +125,7 @@ def invariants_at(inner, xi):
     )
 
 
-@part
+@inline
 def add_invariants(g, on_c, on_d, on_h, xi):
     """g plus half the matrix (AA, AB, AC, BB, BC, CC) of one sample. on_c, on_d, on_h: its weight
     times dU/dc, s/2 dU/dd and s^2 dU/dh, s = d xi/du.
@@ -140,7 +140,7 @@ def add_invariants(g, on_c, on_d, on_h, xi):
     return g[0] + on_c, g[1] + ab, g[2] + ac, g[3] + (ac + on_h), g[4] + xi * bc, g[5] + square * cc
 
 
-@part
+@inline
 def elastic_force(cable, x, out):
     """out -= dU/dq of stretching and bending."""
     mesh, terms = cable.mesh, cable.terms
@@ -182,13 +182,13 @@ def elastic_force(cable, x, out):
 # -- discrete gradient -----------------------------------------------------------------------------
 
 
-@part
+@inline
 def mean(a, b):
     """Mean of two vectors."""
     return combined(0.5, a, 0.5, b)
 
 
-@piece(float64, CABLE, LINES, LINES, LINES, float64, LINES, family=IMPLICIT | BETWEEN)
+@kernel(float64, CABLE, LINES, LINES, LINES, float64, LINES, family=IMPLICIT | BETWEEN)
 def discrete_force(cable, x0, x1, moved, viscous, out):
     """out -= discrete gradient between x0 and x1, and viscous forces for the strain rates
     `viscous` times the strain increments of `moved`; `viscous` is 1 / tau [1/s], 0 leaves them out.
@@ -279,7 +279,7 @@ KN, NT, XE, SKEW = 24, 27, 30, 33
 NORMAL, VISCOUS, ALONG, RATIO, INVERSE_C, THINNED_T, THINNED_K = 36, 39, 40, 41, 42, 43, 46
 
 
-@piece(void, CABLE, LINES, LINES, float64, float64, LINES)
+@kernel(void, CABLE, LINES, LINES, float64, float64, LINES)
 def add_tangent(cable, x0, x1, viscous, scale, band):
     """band += scale times the Jacobian, with respect to x1, of the discrete gradient between x0 and
     x1. The viscous part is `viscous` [1/s] times the damping matrix; 0 leaves it out.
@@ -300,7 +300,7 @@ def add_tangent(cable, x0, x1, viscous, scale, band):
     add_pairs(cable, scale, band)
 
 
-@part
+@inline
 def factor_samples(cable, b, p, q, viscous):
     """Compute the factors of the Jacobian's dyads at all samples of a block, and its moments.
 
@@ -383,7 +383,7 @@ def factor_samples(cable, b, p, q, viscous):
             f[j, INVERSE_C] = inverse
 
 
-@part
+@inline
 def add_moments(moments, f, t, xi):
     """Add f t (1, xi, xi^2, xi^3) to moments [power, component]."""
     for power in range(4):
@@ -392,7 +392,7 @@ def add_moments(moments, f, t, xi):
         f = f * xi
 
 
-@part
+@inline
 def factor_natural(cable, b, j, ta, ka, tb, kb, t, k):
     """Add the natural and plastic curvature to the factors of sample j."""
     f, n = cable.work.factors, natural_at(cable, b, j)
@@ -412,7 +412,7 @@ def factor_natural(cable, b, j, ta, ka, tb, kb, t, k):
     store_three(f[j], SKEW, combined(0.5 * on_e, n, 0.0, n))
 
 
-@part
+@inline
 def entry_of(cable, b, i, j, viscous):
     """Jacobian in A, B, C of lines i and j on the spans of a block, 3 x 3: the sum over the samples
     of their entries of tt, tk, kt and kk (`factor_samples`), and the projected strain.
@@ -479,13 +479,13 @@ def entry_of(cable, b, i, j, viscous):
     return h0, h1, h2
 
 
-@part
+@inline
 def column(moments, i):
     """Moments of component i: with 1, xi, xi^2, xi^3."""
     return moments[0, i], moments[1, i], moments[2, i], moments[3, i]
 
 
-@part
+@inline
 def add_projected(h0, h1, h2, f, linear, m, r):
     """Add the dyads of the projected strain: of its mean, and of its linear part."""
     return (
@@ -495,7 +495,7 @@ def add_projected(h0, h1, h2, f, linear, m, r):
     )
 
 
-@part
+@inline
 def add_products(h, one, next_, r):
     """h_q + one r_q + next_ r_(q + 1)."""
     return (
@@ -505,7 +505,7 @@ def add_products(h, one, next_, r):
     )
 
 
-@part
+@inline
 def write_pairs(cable, b, i, j, h):
     """Write the Jacobian h in A, B, C of lines i and j, by control points, to `work.pairs`."""
     m, pairs = cable.mesh.slopes, cable.work.pairs[cable.dim * i + j]
@@ -520,7 +520,7 @@ def write_pairs(cable, b, i, j, h):
             store(pairs, 4 * k + other, MARGIN + LANES * b + k, f + r2 * m[b, 3 * other + 2])
 
 
-@part
+@inline
 def add_pairs(cable, scale, band):
     """band += scale times `work.pairs`, added up for each two control points."""
     dim, sums = cable.dim, cable.work.pair_sums
@@ -539,7 +539,7 @@ def add_pairs(cable, scale, band):
                         row[(apart + 1) * dim + j - i - 1] += sums[apart, point]
 
 
-@part
+@inline
 def factor_guard(cable, b, before, after):
     """Write the gradient of the span guard on a block, and the factors of its Jacobian
     (`span_guard.guard_jacobian`), to `work.guard`.
@@ -550,7 +550,7 @@ def factor_guard(cable, b, before, after):
         cable.work.guard[k] = parts[k]
 
 
-@part
+@inline
 def add_guard(guard, p, q, i, j, h):
     """h + the Jacobian of the span guard between lines i and j: a sum of products of gradients of
     the functions in `FORMS`, at the midpoint and at the new configuration.
@@ -568,13 +568,13 @@ def add_guard(guard, p, q, i, j, h):
     return h
 
 
-@part
+@inline
 def six(row, k):
     """Six successive entries."""
     return row[k], row[k + 1], row[k + 2], row[k + 3], row[k + 4], row[k + 5]
 
 
-@part
+@inline
 def add_dyad(h, factor, left, right):
     """h + factor left right^T, 3 x 3."""
     return (

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numba import float64, int64, void
 
-from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, STRIDED, STRIDED_WHOLES, part, piece
+from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, STRIDED, STRIDED_WHOLES, inline, kernel
 from dlo_sim.engine.arrays import MARGIN, cable_at
 from dlo_sim.engine.grasps import turned
 from dlo_sim.terms.vectors import combined, cross, dot
 
 
-@part
+@inline
 def curve_sample(points, columns, values, slopes, i):
     """Position (3), tangent (3, not unit) and twist angle of sample i."""
     x0 = x1 = x2 = t0 = t1 = t2 = angle = 0.0
@@ -29,20 +29,20 @@ def curve_sample(points, columns, values, slopes, i):
     return (x0, x1, x2), (t0, t1, t2), angle
 
 
-@part
+@inline
 def unit(v):
     """v / |v|."""
     norm = np.sqrt(dot(v, v))
     return v[0] / norm, v[1] / norm, v[2] / norm
 
 
-@part
+@inline
 def reflected(factor, v, a):
     """a - factor (v . a) v: for factor 2 / |v|^2 the reflection of a in the plane normal to v."""
     return combined(1.0, a, -(factor * dot(v, a)), v)
 
 
-@part
+@inline
 def transport(points, columns, values, slopes, reference, out):
     """Points and material frames along a spline; the x axis of a frame is the tangent.
 
@@ -76,7 +76,7 @@ def transport(points, columns, values, slopes, reference, out):
         write_quaternion(t, m, cross(t, m), out[i])
 
 
-@piece(void, int64, ARRAY_2D)
+@kernel(void, int64, ARRAY_2D)
 def control_points(address, out):
     """Write the coordinates of the cable to the columns x, y, z, theta of out, (n, 4)."""
     cable = cable_at(address)
@@ -86,7 +86,7 @@ def control_points(address, out):
             out[i, column] = cable.state.x[line, MARGIN + i]
 
 
-@piece(
+@kernel(
     *(void, int64, ARRAY_2D, STRIDED_WHOLES, STRIDED, STRIDED),
     *(float64, ARRAY, ARRAY_2D),
 )
@@ -99,7 +99,7 @@ def curve_frames(address, points, columns, values, slopes, t, direction, out):
     transport(points, columns, values, slopes, reference, out)
 
 
-@part
+@inline
 def write_quaternion(x, y, z, out):
     """Write to out[3:7] the quaternion of the rotation with columns x, y, z; its largest component
     is positive.

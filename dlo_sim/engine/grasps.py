@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numba import float64, types
 
-from dlo_sim.compiling.pieces import part, piece
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.engine.arrays import BISHOP, VECTOR
 from dlo_sim.terms.vectors import cross, dot
 
@@ -30,19 +30,19 @@ ACTIVE, START, DURATION, POSITION, FRAME, TURN, ATTACHMENT, DIRECTION, TWIST = (
 THREE, FOUR, SEVEN = (types.UniTuple(float64, count) for count in (3, 4, 7))
 
 
-@part
+@inline
 def component(a, axis):
     """Entry `axis` of a tuple, one of its first three."""
     return a[0] if axis == 0 else (a[1] if axis == 1 else a[2])
 
 
-@part
+@inline
 def moves(m):
     """Whether the grasp moves or was moved."""
     return m[ACTIVE] != 0.0
 
 
-@part
+@inline
 def rotate(w, v):
     """exp([w]) v by Rodrigues' formula, with a series for small angles."""
     angle2 = dot(w, w)
@@ -64,7 +64,7 @@ def rotate(w, v):
     )
 
 
-@part
+@inline
 def framed(m, v0, v1, v2):
     """R0 v."""
     return (
@@ -74,13 +74,13 @@ def framed(m, v0, v1, v2):
     )
 
 
-@part
+@inline
 def elapsed(m, t):
     """Time s since the start of the motion, at most its duration [s]."""
     return min(max(t - m[START], 0.0), m[DURATION])
 
 
-@part
+@inline
 def turn_at(m, t):
     """Rotation vector w1 s + w2 s^2 at time t [rad]."""
     s = elapsed(m, t)
@@ -91,31 +91,31 @@ def turn_at(m, t):
     )
 
 
-@piece(THREE, VECTOR, float64, float64, float64, float64)
+@kernel(THREE, VECTOR, float64, float64, float64, float64)
 def turned(m, t, v0, v1, v2):
     """World components at time t of a vector in the gripper's frame."""
     return rotate(turn_at(m, t), framed(m, v0, v1, v2))
 
 
-@part
+@inline
 def direction_at(m, t):
     """Unit direction of the cable at time t."""
     return turned(m, t, m[DIRECTION], m[DIRECTION + 1], m[DIRECTION + 2])
 
 
-@part
+@inline
 def first_direction(m):
     """Unit direction of the cable at s = 0."""
     return framed(m, m[DIRECTION], m[DIRECTION + 1], m[DIRECTION + 2])
 
 
-@part
+@inline
 def arm_at(m, t):
     """Attachment point relative to the gripper's origin at time t [m]."""
     return turned(m, t, m[ATTACHMENT], m[ATTACHMENT + 1], m[ATTACHMENT + 2])
 
 
-@piece(FOUR, VECTOR, float64)
+@kernel(FOUR, VECTOR, float64)
 def place(m, t):
     """Attachment point (3) [m] and twist angle [rad] at time t."""
     s = elapsed(m, t)
@@ -139,7 +139,7 @@ def place(m, t):
     )
 
 
-@part
+@inline
 def prescribed_place(cable, g, t):
     """Attachment point (3) [m] of grasp g and the angle that it prescribes for theta [rad].
 
@@ -151,7 +151,7 @@ def prescribed_place(cable, g, t):
     return a
 
 
-@piece(SEVEN, VECTOR, float64)
+@kernel(SEVEN, VECTOR, float64)
 def rates(m, t):
     """Velocity of the attachment point (3), twist rate and angular velocity (3) at time t."""
     s = t - m[START]

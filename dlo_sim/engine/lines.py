@@ -8,12 +8,12 @@ from __future__ import annotations
 from numba import float64, void
 
 from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES, lane_sum, zero
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import BETWEEN, CABLE, IMPLICIT, LINES, MARGIN, VECTOR
 
 
-@piece(void, LINES)
+@kernel(void, LINES)
 def clear(x):
     """x = 0."""
     for line in range(x.shape[0]):
@@ -21,7 +21,7 @@ def clear(x):
             store(x, line, c, 0.0)
 
 
-@piece(void, LINES, LINES)
+@kernel(void, LINES, LINES)
 def copy(source, target):
     """target = source."""
     for line in range(source.shape[0]):
@@ -29,7 +29,7 @@ def copy(source, target):
             store(target, line, c, load(source, line, c))
 
 
-@part
+@inline
 def add(scale, x, out):
     """out += scale x."""
     for line in range(x.shape[0]):
@@ -37,7 +37,7 @@ def add(scale, x, out):
             store(out, line, c, load(out, line, c) + scale * load(x, line, c))
 
 
-@piece(void, LINES, LINES, LINES, family=IMPLICIT)
+@kernel(void, LINES, LINES, LINES, family=IMPLICIT)
 def difference(a, b, out):
     """out = a - b."""
     for line in range(a.shape[0]):
@@ -45,7 +45,7 @@ def difference(a, b, out):
             store(out, line, c, load(a, line, c) - load(b, line, c))
 
 
-@piece(float64, LINES, LINES, family=IMPLICIT)
+@kernel(float64, LINES, LINES, family=IMPLICIT)
 def inner(a, b):
     """a . b over all lines."""
     sum_ = zero()
@@ -55,25 +55,25 @@ def inner(a, b):
     return lane_sum(sum_)
 
 
-@part
+@inline
 def kind_of(cable, line):
     """0 for a spatial line, 1 for the line of the twist angle."""
     return 0 if line < cable.dim else 1
 
 
-@part
+@inline
 def mass_of(cable, line):
     """Mass matrix of a line."""
     return cable.linear.mass[kind_of(cable, line)]
 
 
-@part
+@inline
 def damping_of(cable, line):
     """Matrix of the linear damping of a line."""
     return cable.linear.damping[kind_of(cable, line)]
 
 
-@piece(void, LINES, float64, VECTOR, VECTOR, family=IMPLICIT | BETWEEN)
+@kernel(void, LINES, float64, VECTOR, VECTOR, family=IMPLICIT | BETWEEN)
 def add_product(matrix, scale, x, out):
     """out += scale A x on one line."""
     for c in range(MARGIN, len(x) - LANES, LANES):
@@ -84,7 +84,7 @@ def add_product(matrix, scale, x, out):
         store(out, c, load(out, c) + scale * f)
 
 
-@piece(void, LINES, float64, VECTOR, VECTOR)
+@kernel(void, LINES, float64, VECTOR, VECTOR)
 def add_differences(matrix, scale, x, out):
     """out += scale A x on one line, for A with zero row sums: (A x)_i = sum_j A_ij (x_j - x_i).
 
@@ -99,7 +99,7 @@ def add_differences(matrix, scale, x, out):
         store(out, c, load(out, c) + scale * f)
 
 
-@part
+@inline
 def form_by_lanes(matrix, x):
     """x^T A x of one line for a symmetric A; the lanes are still to be summed."""
     sum_ = zero()
@@ -111,13 +111,13 @@ def form_by_lanes(matrix, x):
     return sum_
 
 
-@piece(float64, LINES, VECTOR)
+@kernel(float64, LINES, VECTOR)
 def form(matrix, x):
     """x^T A x of one line for a symmetric A."""
     return lane_sum(form_by_lanes(matrix, x))
 
 
-@piece(float64, LINES, VECTOR)
+@kernel(float64, LINES, VECTOR)
 def difference_form(matrix, x):
     """x^T A x of one line for a symmetric A with zero row sums: - sum_(i<j) A_ij (x_j - x_i)^2."""
     sum_ = zero()
@@ -129,7 +129,7 @@ def difference_form(matrix, x):
     return lane_sum(sum_)
 
 
-@piece(float64, CABLE, LINES)
+@kernel(float64, CABLE, LINES)
 def kinetic(cable, v):
     """Kinetic energy v^T M v / 2 [J]."""
     sum_ = zero()
@@ -138,7 +138,7 @@ def kinetic(cable, v):
     return 0.5 * lane_sum(sum_)
 
 
-@part
+@inline
 def solve_mass(cable, x):
     """x <- M^-1 x by forward and back substitution; lines interleave, which hides latencies."""
     factors, lines, dim = cable.linear.factors, cable.lines, cable.dim
@@ -158,7 +158,7 @@ def solve_mass(cable, x):
             )
 
 
-@part
+@inline
 def solve_line(factors, n, x):
     """x <- A^-1 x on one line, with the factors of A (`arrays.Linear`)."""
     for c in range(MARGIN, n + MARGIN):

@@ -10,8 +10,8 @@ import numpy as np
 from numba import float64, void
 
 from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import CABLE, LINES, LOADED, MARGIN
 from dlo_sim.engine.grasps import component
 from dlo_sim.terms.vectors import cross, dot
@@ -19,21 +19,21 @@ from dlo_sim.terms.vectors import cross, dot
 TORQUE, FREQUENCY = 3, 6  # entries of a load behind its force
 
 
-@part
+@inline
 def amplitude_of(cable, k, t):
     """sin(2 pi f t) for the frequency f of load k, or 1 for f = 0, a constant load."""
     frequency = cable.inputs.load[k, FREQUENCY]
     return 1.0 if frequency == 0.0 else np.sin(2.0 * np.pi * frequency * t)
 
 
-@part
+@inline
 def moment_of(cable, k):
     """Amplitude of the moment of load k [N m], world frame."""
     values = cable.inputs.load[k]
     return values[TORQUE], values[TORQUE + 1], values[TORQUE + 2]
 
 
-@part
+@inline
 def load_tangent(cable, x, k):
     """r' at the material coordinate of load k, world frame."""
     slopes, c = cable.loads.slopes, MARGIN + cable.loads.first[k]
@@ -52,7 +52,7 @@ def load_tangent(cable, x, k):
     return t0, t1, t2
 
 
-@piece(void, CABLE, LINES, float64, LINES, terms=LOADED)
+@kernel(void, CABLE, LINES, float64, LINES, terms=LOADED)
 def load_force(cable, x, t, out):
     """out += generalised forces of the point wrenches at time t."""
     loads, dim = cable.loads, cable.dim
@@ -77,7 +77,7 @@ def load_force(cable, x, t, out):
                 out[dim, c + q] += loads.values[k, q] * axial
 
 
-@piece(void, CABLE, LINES, float64, float64, LINES, terms=LOADED)
+@kernel(void, CABLE, LINES, float64, float64, LINES, terms=LOADED)
 def add_load_stiffness(cable, x, t, scale, band):
     """band -= scale times the Jacobian of the load forces: that of moments, by the tangent."""
     dim, half = cable.dim, 4 * cable.dim - 1

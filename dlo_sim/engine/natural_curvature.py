@@ -13,8 +13,8 @@ from __future__ import annotations
 
 from numba import boolean, int64, void
 
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, zero
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import (
     BENDING,
     CABLE,
@@ -45,20 +45,20 @@ from dlo_sim.terms import material_frame
 from dlo_sim.terms.vectors import combined, cross, dot
 
 
-@part
+@inline
 def triple(n, t, k):
     """e = n . (t x k)."""
     b = cross(t, k)
     return n[0] * b[0] + n[1] * b[1] + n[2] * b[2]
 
 
-@part
+@inline
 def density(n, t, k, c):
     """- e / c^(3/2)."""
     return -triple(n, t, k) / (c * sqrt(c))
 
 
-@part
+@inline
 def density_gradient(c0, c1, e0, e1):
     """Divided differences in c and e."""
     s0, s1 = sqrt(c0), sqrt(c1)
@@ -70,7 +70,7 @@ def density_gradient(c0, c1, e0, e1):
     )
 
 
-@part
+@inline
 def density_jacobian(c0, c1, e0, e1):
     """Derivatives of the divided differences (c, e) by (c1, e1): cc, ce, ec; ee is zero."""
     s0, s1 = sqrt(c0), sqrt(c1)
@@ -85,7 +85,7 @@ def density_jacobian(c0, c1, e0, e1):
     )
 
 
-@part
+@inline
 def natural_with(cable, b, j, p):
     """Natural curvature plus p at quadrature point j of block b, times its weight and EI."""
     mesh = cable.mesh
@@ -93,7 +93,7 @@ def natural_with(cable, b, j, p):
     return combined(1.0, three(cable.state.natural[b, j], 0), moment_weight, p)
 
 
-@part
+@inline
 def natural_at(cable, b, j):
     """Natural plus plastic curvature at quadrature point j of block b, times its weight and EI."""
     if cable.terms & PLASTICITY:
@@ -101,7 +101,7 @@ def natural_at(cable, b, j):
     return three(cable.state.natural[b, j], 0)
 
 
-@part
+@inline
 def rest_twist_at(cable, b, j):
     """Twist rate [rad/m] of the unloaded cable at quadrature point j of block b."""
     if cable.terms & MATERIAL:
@@ -109,14 +109,14 @@ def rest_twist_at(cable, b, j):
     return zero()
 
 
-@part
+@inline
 def vector_now(n, before, t, angle):
     """Rotate n by `angle` about the tangent `before`, then by the smallest rotation to t."""
     u = material_frame.unit(before)
     return material_frame.transported(material_frame.turned(n, u, angle), u, material_frame.unit(t))
 
 
-@part
+@inline
 def turn_polynomial(cable, b, x):
     """Change of theta since the last step on the spans of a block, as `spans.line_polynomial`."""
     p = line_polynomial(cable.mesh, b, x[cable.dim])
@@ -124,7 +124,7 @@ def turn_polynomial(cable, b, x):
     return p[0] - q[0], p[1] - q[1], p[2] - q[2], p[3] - q[3]
 
 
-@piece(void, CABLE, LINES, LINES, boolean, boolean, LINES, terms=CURVED)
+@kernel(void, CABLE, LINES, LINES, boolean, boolean, LINES, terms=CURVED)
 def natural_force(cable, x0, x1, turn, push, out):
     """out -= discrete gradient between x0 and x1, on theta (`turn`) and the centreline (`push`)."""
     mesh, state = cable.mesh, cable.state
@@ -183,7 +183,7 @@ def natural_force(cable, x0, x1, turn, push, out):
             scatter_values(mesh, b, twisted, -1.0, out[cable.dim])
 
 
-@piece(*ENERGY, terms=CURVED)
+@kernel(*ENERGY, terms=CURVED)
 def energy(cable, x, out):
     """Add the energy of the natural curvature [J] to the bending energy."""
     mesh, sum_ = cable.mesh, zero()
@@ -203,7 +203,7 @@ def energy(cable, x, out):
     out[BENDING] += lane_sum(sum_)
 
 
-@part
+@inline
 def follow_natural(cable, x):
     """Rotate the vectors in the state to the material frame at the end of a step."""
     mesh, state = cable.mesh, cable.state
@@ -224,14 +224,14 @@ def follow_natural(cable, x):
                 store_three(plastic, CURVATURE, kappa)
 
 
-@piece(void, int64)
+@kernel(void, int64)
 def follow_to_present(address):
     """`follow_natural` to the present shape, for callers from Python."""
     cable = cable_at(address)
     follow_natural(cable, cable.state.x)
 
 
-@piece(void, CABLE, LINES, LINES, LINES, terms=CURVED, family=IMPLICIT)
+@kernel(void, CABLE, LINES, LINES, LINES, terms=CURVED, family=IMPLICIT)
 def add_natural_stiffness(cable, x0, x1, matrix):
     """matrix += derivative with respect to theta at x1 of the discrete gradient on theta, to first
     order in the step. Entry (i, i - k) of the symmetric matrix is at [k, i - k], k from 0 to 3.

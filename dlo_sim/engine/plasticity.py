@@ -28,8 +28,8 @@ from __future__ import annotations
 
 from numba import int64, void
 
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import fabs, lane_sum, sqrt, zero
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import PLASTIC, PLASTICITY, cable_at
 from dlo_sim.engine.spans import bending_at, curve, store_three, tangent_at, three
 from dlo_sim.engine.term import ENERGY, FLOW
@@ -42,20 +42,20 @@ TINY = 1e-300
 TANGENT, CURVATURE = 3, 6
 
 
-@part
+@inline
 def curvature(t, k):
     """kappa = t x k / |t|^3 of t = r', k = r''."""
     c = dot(t, t)
     return combined(1.0 / (c * sqrt(c)), cross(t, k), 0.0, t)
 
 
-@part
+@inline
 def stiffness_and_hardening(cable, b):
     """EI + H of block b [N m^2]."""
     return cable.mesh.bending[b] * (1.0 + cable.physics.hardening)
 
 
-@part
+@inline
 def returned(cable, b, kappa, p):
     """Return mapping: the plastic curvature p [1/m] after bending to the curvature kappa."""
     stiffness, whole = cable.mesh.bending[b], stiffness_and_hardening(cable, b)
@@ -66,14 +66,14 @@ def returned(cable, b, kappa, p):
     return combined(1.0, p, flow / (moment + TINY), m)
 
 
-@part
+@inline
 def slipping(cable, b, j, kappa):
     """Plastic curvature in the forces of a step that ends with kappa, at quadrature point j."""
     share, p = cable.state.balance.slip, three(cable.state.plastic[b, j], 0)
     return combined(1.0 - share, p, share, returned(cable, b, kappa, p))
 
 
-@piece(*ENERGY, terms=PLASTICITY)
+@kernel(*ENERGY, terms=PLASTICITY)
 def energy(cable, x, out):
     """Add the integral of (EI + H)/2 |p|^2 [J]."""
     mesh, sum_ = cable.mesh, zero()
@@ -85,7 +85,7 @@ def energy(cable, x, out):
     out[PLASTIC] += lane_sum(sum_)
 
 
-@piece(*FLOW, terms=PLASTICITY)
+@kernel(*FLOW, terms=PLASTICITY)
 def plastic_flow(cable):
     """Rotate p to the present tangents, then apply the return mapping. What is dissipated is the
     work of the forces of the step, EI/2 (|kappa1|^2 - |kappa0|^2) - EI p.(kappa1 - kappa0) with the
@@ -117,7 +117,7 @@ def plastic_flow(cable):
     state.balance.plastic_work += dissipated
 
 
-@piece(void, int64, terms=PLASTICITY)
+@kernel(void, int64, terms=PLASTICITY)
 def flow_to_present(address):
     """`plastic_flow` at the present shape, for callers from Python."""
     plastic_flow(cable_at(address))

@@ -8,8 +8,8 @@ it bears.
 
 from __future__ import annotations
 
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import lane_sum, sqrt, zero
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import PRESSURE, STRETCHING
 from dlo_sim.engine.band import add_to_spans
 from dlo_sim.engine.spans import add_sample, curve, scatter_lines, store_three, tangent_at
@@ -17,14 +17,14 @@ from dlo_sim.engine.term import ENERGY, FORCE, TANGENT
 from dlo_sim.terms.vectors import combined, dot
 
 
-@part
+@inline
 def mean_direction(t0, t1):
     """Discrete gradient (t0 + t1) / (|t0| + |t1|) of |t|, and 1 / (|t0| + |t1|)."""
     inverse = 1.0 / (sqrt(dot(t0, t0)) + sqrt(dot(t1, t1)))
     return combined(inverse, t0, inverse, t1), inverse
 
 
-@piece(*ENERGY, terms=PRESSURE)
+@kernel(*ENERGY, terms=PRESSURE)
 def energy(cable, x, out):
     """Add the energy [J] to that of stretching."""
     mesh, sum_ = cable.mesh, zero()
@@ -36,7 +36,7 @@ def energy(cable, x, out):
     out[STRETCHING] -= cable.physics.thrust * lane_sum(sum_)
 
 
-@piece(*FORCE, terms=PRESSURE)
+@kernel(*FORCE, terms=PRESSURE)
 def force(cable, x0, x1, out):
     """out -= discrete gradient of the energy between x0 and x1."""
     mesh, thrust = cable.mesh, cable.physics.thrust
@@ -52,7 +52,7 @@ def force(cable, x0, x1, out):
         scatter_lines(cable, b, g0, g1, g2, thrust, out)
 
 
-@piece(*TANGENT, terms=PRESSURE)
+@kernel(*TANGENT, terms=PRESSURE)
 def tangent(cable, x0, x1, scale, band):
     """band += scale times the Jacobian of the discrete gradient with respect to x1: per sample
     - p A (1 - n t1^T / |t1|) / (|t0| + |t1|), with the mean direction n.
@@ -72,7 +72,7 @@ def tangent(cable, x0, x1, scale, band):
                 add_pairs(cable, b, i, j, band)
 
 
-@part
+@inline
 def add_pairs(cable, b, i, j, band):
     """Add the entries (i, j) between all control points of every span of a block."""
     mesh, f, unit = cable.mesh, cable.work.factors, 1.0 if i == j else 0.0
@@ -87,7 +87,7 @@ def add_pairs(cable, b, i, j, band):
             add_to_spans(cable, b, first, other, i, j, sum_, band)
 
 
-@part
+@inline
 def slope_at(mesh, b, k, xi):
     """Derivative by u of basis function k of a span."""
     m = mesh.slopes

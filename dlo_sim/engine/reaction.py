@@ -5,7 +5,7 @@ from __future__ import annotations
 from numba import int64, void
 
 from dlo_sim.compiling.groups import grid
-from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, part, piece
+from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, inline, kernel
 from dlo_sim.engine.arrays import SLIDING, cable_at
 from dlo_sim.engine.bishop import edge, span_tangent
 from dlo_sim.engine.grasps import component
@@ -13,7 +13,7 @@ from dlo_sim.engine.sliding import END, LOST, STIFFNESS, TURNING, basis_at, gaps
 from dlo_sim.engine.springs import rolls, row_of, spring_stiffness, spring_value
 
 
-@part
+@inline
 def add_force(weights, points, begin, f, axis, about, out):
     """out += resultant of the forces b_k f along a world axis at four control points, and their
     moment about the point `about`.
@@ -26,14 +26,14 @@ def add_force(weights, points, begin, f, axis, about, out):
         out[3 + last] -= force * (points[begin + k, following] - about[following])
 
 
-@part
+@inline
 def add_moment(cable, f, t, out):
     """out += moment f about the unit vector t, given by line."""
     for d in range(cable.dim):
         out[3 + cable.axes[d]] += f * component(t, d)
 
 
-@piece(void, int64, int64, ARRAY, ARRAY_2D, ARRAY, ARRAY)
+@kernel(void, int64, int64, ARRAY, ARRAY_2D, ARRAY, ARRAY)
 def add_wrench(address, grasp, rows, points, about, out):
     """out += force [N] and moment [N m] of a grasp on the cable, world axes, shape (6,).
 
@@ -77,7 +77,7 @@ def add_wrench(address, grasp, rows, points, about, out):
     add_slide_forces(cable, grasp, points, about, out)
 
 
-@part
+@inline
 def add_slide_forces(cable, grasp, points, about, out):
     """The part of a grasp that slides in `add_wrench`."""
     if cable.terms & SLIDING == 0:

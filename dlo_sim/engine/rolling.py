@@ -20,8 +20,8 @@ from __future__ import annotations
 
 from numba import boolean, void
 
+from dlo_sim.compiling.kernels import YES, inline, kernel
 from dlo_sim.compiling.lanes import LANES, any_above, lane, lane_sum
-from dlo_sim.compiling.pieces import YES, part, piece
 from dlo_sim.engine.arrays import BISHOP, CABLE, LINES, MARGIN, PADDING, ROLLING, VECTOR
 from dlo_sim.engine.band import (
     clamps_here,
@@ -69,14 +69,14 @@ FOUR = 4  # unknowns of a control point: three of the shape, one of the twist
 HALF = 4 * FOUR - 1  # half the bandwidth
 
 
-@part
+@inline
 def rubs(cable, o, g):
     """Whether friction of obstacle o acts on any sample of a group."""
     p = cable.work.touch[o, g, PRESSURE]
     return cable.contact.law[o, FRICTION] > 0.0 and any_above(friction_at(cable, o, g) * p)
 
 
-@part
+@inline
 def friction_on(cable, o, g, change):
     """Minus the friction on the samples of a group, for a `change` in the step."""
     trial, p = trial_at(cable, o, g, change), cable.work.touch[o, g, PRESSURE]
@@ -84,7 +84,7 @@ def friction_on(cable, o, g, change):
     return scaled(cable.contact.weight[g] * share, trial)
 
 
-@part
+@inline
 def jacobian_of(cable, o, g, change):
     """`friction_jacobian` of the samples of a group, for a `change` in the step."""
     touch, mu = cable.work.touch[o, g], friction_at(cable, o, g)
@@ -92,7 +92,7 @@ def jacobian_of(cable, o, g, change):
     return friction_jacobian(k_t, mu, touch[PRESSURE], touch[SLOPE], three(touch, TOWARD), trial)
 
 
-@piece(void, CABLE, LINES, LINES, terms=ROLLING)
+@kernel(void, CABLE, LINES, LINES, terms=ROLLING)
 def add_moments(cable, change, out):
     """out += moments of friction on the twist line, for a `change` in the step."""
     for o in range(cable.contact.count):
@@ -104,7 +104,7 @@ def add_moments(cable, change, out):
                 push_line(cable, g, cable.dim, moment, out)
 
 
-@piece(void, CABLE, LINES, LINES, terms=ROLLING)
+@kernel(void, CABLE, LINES, LINES, terms=ROLLING)
 def add_stiffness(cable, change, matrix):
     """Add l.S l to the matrix of the twist, its lower diagonals, entry (i + k, i) at [k, i]."""
     for o in range(cable.contact.count):
@@ -116,7 +116,7 @@ def add_stiffness(cable, change, matrix):
                 add_to_twist(cable, g, cable.contact.weight[g] * held, matrix)
 
 
-@part
+@inline
 def add_to_twist(cable, g, held, matrix):
     """matrix += the stiffnesses `held` of the samples of a group against their spin, as of
     `add_stiffness`.
@@ -133,7 +133,7 @@ def add_to_twist(cable, g, held, matrix):
                 matrix[b - a, first + a] += lane_sum(value)
 
 
-@piece(void, CABLE, LINES, LINES, terms=ROLLING)
+@kernel(void, CABLE, LINES, LINES, terms=ROLLING)
 def push_rolling(cable, change, out):
     """out += friction on the shape, which `contact.add_force` left out."""
     for o in range(cable.contact.count):
@@ -147,7 +147,7 @@ def push_rolling(cable, change, out):
 # -- matrix of the shape and the twist -----------------------------------------------------------
 
 
-@piece(boolean, CABLE, terms=ROLLING)
+@kernel(boolean, CABLE, terms=ROLLING)
 def rolls(cable):
     """Whether any sample is pressed on an obstacle with friction."""
     for o in range(cable.contact.count):
@@ -157,7 +157,7 @@ def rolls(cable):
     return False
 
 
-@piece(boolean, CABLE, LINES, LINES, LINES, boolean, terms=ROLLING)
+@kernel(boolean, CABLE, LINES, LINES, LINES, boolean, terms=ROLLING)
 def eliminate_rolling(cable, pushed, kept, matrix, impulses):
     """`work.rolling_band` = LU factors of the shape's `matrix`, of that of the twist, which is in
     `work.twist_matrix`, and of the couplings at the present iterate of a step; returns whether they
@@ -183,7 +183,7 @@ def eliminate_rolling(cable, pushed, kept, matrix, impulses):
     return eliminate(band, FOUR * cable.n, FOUR)
 
 
-@piece(boolean, CABLE, LINES, LINES, terms=ROLLING)
+@kernel(boolean, CABLE, LINES, LINES, terms=ROLLING)
 def eliminate_impulses(cable, directions, matrix):
     """`eliminate_rolling` for the velocities after contact (`contact.add_impulses`), with the
     `matrix` of the shape.
@@ -203,7 +203,7 @@ def eliminate_impulses(cable, directions, matrix):
     return eliminate_rolling(cable, directions, directions, matrix, YES)
 
 
-@piece(void, CABLE, LINES, VECTOR, LINES, terms=ROLLING | BISHOP)
+@kernel(void, CABLE, LINES, VECTOR, LINES, terms=ROLLING | BISHOP)
 def substitute_with_twist(cable, push, solved, v):
     """Solve with the factors in `work.rolling_band`: `solved` has the right-hand side of the shape,
     in the frames of the clamps, and gets its solution; that of the twist is a line of `push`, and
@@ -222,7 +222,7 @@ def substitute_with_twist(cable, push, solved, v):
         v[line, MARGIN + i] += side[PADDING + FOUR * i + 3]
 
 
-@part
+@inline
 def copy_shape(cable, matrix, band):
     """Copy the band matrix of the shape, three unknowns of each control point."""
     for i in range(cable.n):
@@ -233,7 +233,7 @@ def copy_shape(cable, matrix, band):
                     to[FOUR * j + e - d + HALF] = row[3 * j + e - d + 4 * 3 - 1]
 
 
-@part
+@inline
 def copy_twist(cable, band):
     """Copy the matrix of the twist; prescribed unknowns get an equation of the identity."""
     work = cable.work
@@ -245,7 +245,7 @@ def copy_twist(cable, band):
             band[FOUR * i + 3, FOUR * (j - i) + HALF] = value
 
 
-@part
+@inline
 def couple(cable, o, g, impulses):
     """`work.contact_sums` += couplings of the samples of a group, negative: two lines of the
     dependence of the equations of the shape on the spin, and of that of the twist on the places.
@@ -265,7 +265,7 @@ def couple(cable, o, g, impulses):
     add_line(sums, e, 3, 2, 1, by_place)
 
 
-@part
+@inline
 def add_couplings(cable, block, band):
     """band -= the sums of `couple` of a block, which then has none."""
     sums = cable.work.contact_sums
@@ -284,14 +284,14 @@ def add_couplings(cable, block, band):
     clear_sums(cable)
 
 
-@part
+@inline
 def add_coupling(i, j, d, on_shape, on_twist, band):
     """Between line d of control point i and the twist of control point j, in both equations."""
     band[FOUR * i + d, FOUR * (j - i) + 3 - d + HALF] -= on_shape
     band[FOUR * i + 3, FOUR * (j - i) + d - 3 + HALF] -= on_twist
 
 
-@part
+@inline
 def hold_couplings(cable, pushed, kept, band):
     """Rotate the couplings into the frames of the clamps, and drop those of prescribed unknowns."""
     for k in range(cable.rows.count):

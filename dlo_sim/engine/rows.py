@@ -29,8 +29,8 @@ from __future__ import annotations
 from numba import float64, void
 
 from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, VECTOR
 from dlo_sim.engine.band import invert_in_place
 from dlo_sim.engine.grasps import component, moves, place, prescribed_place, rates, turned
@@ -40,7 +40,7 @@ from dlo_sim.terms.vectors import cross
 # -- values and shifts --------------------------------------------------------------------------
 
 
-@part
+@inline
 def point_value(cable, point, line, x):
     """sum_k b_k x_k of a point on one line of x."""
     points = cable.points
@@ -57,7 +57,7 @@ def point_value(cable, point, line, x):
     return value
 
 
-@part
+@inline
 def row_value(cable, k, directions, x):
     """B_k x of row k, with its direction in `directions` if that turns."""
     point, line = cable.rows.point[k], cable.rows.line[k]
@@ -69,14 +69,14 @@ def row_value(cable, k, directions, x):
     return value
 
 
-@piece(void, CABLE, LINES)
+@kernel(void, CABLE, LINES)
 def values_along(cable, x):
     """work.rates = B x with the directions of the state."""
     for k in range(cable.rows.count):
         cable.work.rates[k] = row_value(cable, k, cable.state.direction, x)
 
 
-@piece(void, CABLE, LINES, LINES)
+@kernel(void, CABLE, LINES, LINES)
 def target_residuals(cable, directions, x):
     """work.rates = work.targets - B x, the residuals of the constraints."""
     work = cable.work
@@ -84,7 +84,7 @@ def target_residuals(cable, directions, x):
         work.rates[k] = work.targets[k] - row_value(cable, k, directions, x)
 
 
-@part
+@inline
 def shift_line(cable, point, line, scale, x):
     """x += scale M^-1 b of a point, on one line of x."""
     shift = cable.points.shift
@@ -92,7 +92,7 @@ def shift_line(cable, point, line, scale, x):
         store(x, line, c, load(x, line, c) + scale * load(shift, point, c))
 
 
-@part
+@inline
 def shift_row(cable, k, directions, scale, x):
     """x += scale Z_k, column k of Z = M^-1 B^T."""
     point, line = cable.rows.point[k], cable.rows.line[k]
@@ -103,7 +103,7 @@ def shift_row(cable, k, directions, scale, x):
         shift_line(cable, point, d, scale * directions[k, d], x)
 
 
-@part
+@inline
 def through_inverse(inverse, values, scale, out):
     """out = scale times the matrix `inverse` times the vector `values`."""
     for k in range(len(inverse)):
@@ -113,7 +113,7 @@ def through_inverse(inverse, values, scale, out):
         out[k] = scale * sum_
 
 
-@piece(void, CABLE, float64, LINES)
+@kernel(void, CABLE, float64, LINES)
 def add_shifts(cable, scale, x):
     """x += scale Y work.rates; work.multipliers = scale S^-1 work.rates."""
     state, work = cable.state, cable.work
@@ -122,7 +122,7 @@ def add_shifts(cable, scale, x):
         shift_row(cable, k, state.direction, work.multipliers[k], x)
 
 
-@piece(void, CABLE, LINES, VECTOR)
+@kernel(void, CABLE, LINES, VECTOR)
 def project(cable, x, multipliers):
     """x <- P x; the vector `multipliers` gets S^-1 B x. Overwrites work.rates."""
     values_along(cable, x)
@@ -133,7 +133,7 @@ def project(cable, x, multipliers):
         pin(cable, k, 0.0, x)
 
 
-@part
+@inline
 def pin(cable, k, value, x):
     """Set the coordinate exactly if row k fixes one coordinate of a control point."""
     line, own = cable.rows.line[k], cable.points.own[cable.rows.point[k]]
@@ -144,27 +144,27 @@ def pin(cable, k, value, x):
 # -- directions and the system S ----------------------------------------------------------------
 
 
-@part
+@inline
 def turns(cable, k):
     """Whether the direction of row k turns with its grasp."""
     return cable.rows.line[k] < 0
 
 
-@part
+@inline
 def direction_of(cable, k, t):
     """Direction e of a turning row at time t, world frame."""
     body = cable.rows.body[k]
     return turned(cable.inputs.motion[cable.rows.grasp[k]], t, body[0], body[1], body[2])
 
 
-@part
+@inline
 def direction_rate(cable, k, t):
     """e' = omega x e of a turning row at time t [1/s], world frame."""
     v = rates(cable.inputs.motion[cable.rows.grasp[k]], t)
     return cross((v[4], v[5], v[6]), direction_of(cable, k, t))
 
 
-@part
+@inline
 def directions_turn(cable):
     """Whether the directions work.ahead differ from those of the state."""
     for k in range(cable.rows.count):
@@ -175,7 +175,7 @@ def directions_turn(cable):
     return False
 
 
-@part
+@inline
 def alignment(cable, k, j, a, b):
     """Direction of row k in `a` . direction of row j in `b`; 0 between space and twist."""
     line_k, line_j, dim = cable.rows.line[k], cable.rows.line[j], cable.dim
@@ -193,7 +193,7 @@ def alignment(cable, k, j, a, b):
     return product
 
 
-@part
+@inline
 def fill_system(cable, a, b):
     """work.system = S = B M^-1 B^T, with directions `a` on the left and `b` on the right."""
     rows = cable.rows
@@ -203,7 +203,7 @@ def fill_system(cable, a, b):
             cable.work.system[k, j] = product * alignment(cable, k, j, a, b)
 
 
-@part
+@inline
 def invert(cable, out):
     """out = the inverse of work.system, which is close to symmetric positive definite."""
     for k in range(cable.rows.count):
@@ -212,7 +212,7 @@ def invert(cable, out):
     invert_in_place(out)
 
 
-@piece(void, CABLE)
+@kernel(void, CABLE)
 def take_directions(cable):
     """Set the directions of the state to work.ahead, and its inverse to S^-1 along these."""
     state = cable.state
@@ -226,7 +226,7 @@ def take_directions(cable):
 # -- prescribed motion --------------------------------------------------------------------------
 
 
-@part
+@inline
 def grasps_move(cable):
     """Whether any grasp moves or was moved."""
     for g in range(cable.grasps):
@@ -235,7 +235,7 @@ def grasps_move(cable):
     return False
 
 
-@piece(void, CABLE, float64)
+@kernel(void, CABLE, float64)
 def set_targets(cable, t):
     """Set work.targets and the turning directions in work.ahead to those at time t."""
     rows, work = cable.rows, cable.work
@@ -259,7 +259,7 @@ def set_targets(cable, t):
         work.targets[k] = share * target
 
 
-@part
+@inline
 def target_rates(cable, x, t):
     """work.rates = rates of the targets at time t, for the configuration x."""
     rows = cable.rows
@@ -268,7 +268,7 @@ def target_rates(cable, x, t):
         cable.work.rates[k] = target_rate(cable, k, x, t) if moving else 0.0
 
 
-@part
+@inline
 def target_rate(cable, k, x, t):
     """s e.A' - e'.(b.x - s A) of row k with attachment point A, direction e, s = sum of b."""
     line, point = cable.rows.line[k], cable.rows.point[k]
@@ -288,7 +288,7 @@ def target_rate(cable, k, x, t):
     return rate
 
 
-@piece(void, CABLE, LINES, float64, LINES)
+@kernel(void, CABLE, LINES, float64, LINES)
 def add_velocity_of_held(cable, x, t, v):
     """v += Y (rates of the targets at time t), which makes w the velocity."""
     if grasps_move(cable):
@@ -296,7 +296,7 @@ def add_velocity_of_held(cable, x, t, v):
         add_shifts(cable, 1.0, v)
 
 
-@piece(void, CABLE, float64)
+@kernel(void, CABLE, float64)
 def set_directions(cable, t):
     """Set the directions and the inverse of the state to those at time t."""
     if grasps_move(cable):
@@ -305,7 +305,7 @@ def set_directions(cable, t):
             take_directions(cable)
 
 
-@piece(void, CABLE, LINES, LINES, float64, float64)
+@kernel(void, CABLE, LINES, LINES, float64, float64)
 def carry(cable, x, w, t, dt):
     """Drift over dt to time t: x += dt w, then x += Y (targets - B x).
 
@@ -351,21 +351,21 @@ def carry(cable, x, w, t, dt):
 # -- work, and the rate of the projected velocity -----------------------------------------------
 
 
-@part
+@inline
 def add_moved(cable, share):
     """state.moved += share work.rates."""
     for k in range(cable.rows.count):
         cable.state.moved[k] += share * cable.work.rates[k]
 
 
-@part
+@inline
 def clear_moved(cable):
     """state.moved = 0."""
     for k in range(cable.rows.count):
         cable.state.moved[k] = 0.0
 
 
-@part
+@inline
 def pulled(cable, values):
     """state.pull . values: minus the work [J] of the grasps for displacements of the rows, minus
     their power [W] for rates.
@@ -376,7 +376,7 @@ def pulled(cable, values):
     return sum_
 
 
-@part
+@inline
 def direction_rates(cable, t):
     """Set work.ahead to e' of the turning rows; return whether any of them is not zero."""
     found = False
@@ -392,7 +392,7 @@ def direction_rates(cable, t):
     return found
 
 
-@part
+@inline
 def add_turning(cable, w, t, out):
     """out += P' v, for out = P M^-1 f and the directions at time t.
 

@@ -5,22 +5,22 @@ from __future__ import annotations
 from numba import float64, void
 
 from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.account import update_account
 from dlo_sim.engine.arrays import CABLE, RECORDS
 from dlo_sim.engine.lines import copy
 from dlo_sim.engine.rows import add_velocity_of_held
 
 
-@part
+@inline
 def velocities(cable, t, out):
     """Velocities of all control points at time t: w plus the prescribed motion."""
     copy(cable.state.w, out)
     add_velocity_of_held(cable, cable.state.x, t, out)
 
 
-@part
+@inline
 def begin_sample(cable, records, t0, tau):
     """Save the state at the start of a step that contains a sample time; return whether it does."""
     k = records.marks[0]
@@ -31,7 +31,7 @@ def begin_sample(cable, records, t0, tau):
     return False
 
 
-@piece(void, CABLE, RECORDS, float64, float64)
+@kernel(void, CABLE, RECORDS, float64, float64)
 def end_sample(cable, records, t0, tau):
     """Record all samples of this step. Their energy is that at the end of the step."""
     work, x = cable.work, cable.state.x

@@ -44,8 +44,8 @@ import numpy as np
 from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import grid, load, store
+from dlo_sim.compiling.kernels import ARRAY_2D, YES, inline, kernel
 from dlo_sim.compiling.lanes import LANES, fabs, lane, lane_sum, sqrt, where, zero
-from dlo_sim.compiling.pieces import ARRAY_2D, YES, part, piece
 from dlo_sim.engine.arrays import CABLE, IN_SKYLINE, LINES, MARGIN, SELF, TOUCHING, VECTOR, cable_at
 from dlo_sim.engine.band import clear_held, turn_vector
 from dlo_sim.engine.contact import RETURN
@@ -84,7 +84,7 @@ AT, BY_GAP, BY_SLIP, PRESSURE, PASSED = 0, 5, 14, 23, 24
 # -- the chain -----------------------------------------------------------------------------------
 
 
-@part
+@inline
 def place_corners(cable, x):
     """Set `work.corner` to the corners of all spans."""
     corner, chain = cable.work.corner, cable.chain
@@ -98,14 +98,14 @@ def place_corners(cable, x):
                 store(corner, 3 * j + d, LANES * b, value)
 
 
-@part
+@inline
 def key_of(cable, a, b, i, j):
     """The number of a pair: segment i of span a, and j of span b."""
     spans, count = len(cable.chain.arc), cable.chain.segments
     return float(((a * spans + b) * count + i) * count + j)
 
 
-@part
+@inline
 def pair_of(cable, key):
     """The inverse of `key_of`."""
     spans, count, number = len(cable.chain.arc), cable.chain.segments, int(key)
@@ -114,7 +114,7 @@ def pair_of(cable, key):
     return number // spans, number % spans, i, j
 
 
-@part
+@inline
 def gather(cable, at):
     """Copy the ends of the segments of all pairs to the rows of `work.pair_ends` from `at` on."""
     corner, ends, pairs = cable.work.corner, cable.work.pair_ends, cable.state.pair
@@ -129,7 +129,7 @@ def gather(cable, at):
             ends[at + k, p] = FAR if k >= 6 else 0.0
 
 
-@part
+@inline
 def lengths_of_pairs(cable):
     """Set the constant rows of `work.pair_ends`, and `work.beside`."""
     ends, chain, beside = cable.work.pair_ends, cable.chain, cable.work.beside
@@ -147,13 +147,13 @@ def lengths_of_pairs(cable):
             beside[a // LANES] = beside[b // LANES] = 1.0
 
 
-@part
+@inline
 def loaded(rows, at, p):
     """Three rows of LANES pairs as a vector."""
     return load(rows, at, p), load(rows, at + 1, p), load(rows, at + 2, p)
 
 
-@part
+@inline
 def segments_at(ends, at, p):
     """a(0) - b(0), and the vectors along both segments, of LANES pairs."""
     a, b = loaded(ends, at, p), loaded(ends, at + 6, p)
@@ -162,27 +162,27 @@ def segments_at(ends, at, p):
     return combined(1.0, a, -1.0, b), along_a, along_b
 
 
-@part
+@inline
 def between(segments, s, t):
     """m at the shares s and t."""
     return combined(1.0, combined(1.0, segments[0], s, segments[1]), -t, segments[2])
 
 
-@part
+@inline
 def within(share):
     """A share clipped to 0 .. 1."""
     above = where(share, share, 0.0)
     return where(1.0 - above, above, 1.0)
 
 
-@part
+@inline
 def smoothed(segments, s, t, blunt):
     """|m|^2 + r_a (s - 1/2)^2 + r_b (t - 1/2)^2; `blunt`: r_a and r_b."""
     m = between(segments, s, t)
     return dot(m, m) + blunt[0] * (s - 0.5) * (s - 0.5) + blunt[1] * (t - 0.5) * (t - 0.5)
 
 
-@part
+@inline
 def nearest(segments, blunt):
     """s, t and d^2 of the smoothed distance: of its minimum without bounds s is clipped, then t for
     that s, then s for that t.
@@ -199,7 +199,7 @@ def nearest(segments, blunt):
 # -- forces and energy ---------------------------------------------------------------------------
 
 
-@part
+@inline
 def may_pass(before, after, square0, square1, blunt):
     """1 where two segments may pass through each other in a step: the motion of an end of one
     relative to one of the other is as long as the sum of the distances at both ends of the step.
@@ -214,7 +214,7 @@ def may_pass(before, after, square0, square1, blunt):
     return where(sqrt(most) - room, 1.0, 0.0)
 
 
-@part
+@inline
 def spread_forces(cable, count, out):
     """out += `work.pair_force`."""
     work, chain = cable.work, cable.chain
@@ -239,7 +239,7 @@ def spread_forces(cable, count, out):
                 store(out, d, MARGIN + LANES * b + k, value)
 
 
-@piece(void, CABLE, float64, LINES, LINES, terms=SELF)
+@kernel(void, CABLE, float64, LINES, LINES, terms=SELF)
 def add_force(cable, rate, x1, out):
     """out += contact force of a step from the configuration with which it began to x1; the bristles
     at its end go to `work.pair_trial`, what a matrix needs to `work.pair_law`.
@@ -320,7 +320,7 @@ def add_force(cable, rate, x1, out):
     work.results.pair_work, work.results.pair_loss = lane_sum(worked), lane_sum(lost)
 
 
-@piece(void, CABLE, LINES, VECTOR, terms=SELF)
+@kernel(void, CABLE, LINES, VECTOR, terms=SELF)
 def energy(cable, x, out):
     """Add the energy of pressure and bristles [J]."""
     chain, state, ends, sum_ = cable.chain, cable.state, cable.work.pair_ends, zero()
@@ -343,7 +343,7 @@ def energy(cable, x, out):
 # -- matrix --------------------------------------------------------------------------------------
 
 
-@part
+@inline
 def fill_side(cable, directions, p, a, b, s, t, first):
     """Rows first, first + 1, ... of `work.pair_side`: by how much m of pair p at the shares s, t
     moves along each line for a unit change of the unknowns `work.pair_at`, in the frames of the
@@ -374,7 +374,7 @@ def fill_side(cable, directions, p, a, b, s, t, first):
     return count
 
 
-@piece(void, CABLE, LINES, LINES, LINES, terms=SELF)
+@kernel(void, CABLE, LINES, LINES, LINES, terms=SELF)
 def couple(cable, pushed, kept, band):
     """If segments press on each other and there is room, make `work.skyline` the band matrix minus
     the Jacobian of the last `add_force`, and `work.results.coupled` IN_SKYLINE.
@@ -400,7 +400,7 @@ def couple(cable, pushed, kept, band):
     work.results.coupled = IN_SKYLINE
 
 
-@part
+@inline
 def add_pair(cable, pushed, kept, p):
     """Add minus the Jacobian of pair p to the skyline."""
     work, dim = cable.work, cable.dim
@@ -431,7 +431,7 @@ def add_pair(cable, pushed, kept, p):
 # -- broad phase ---------------------------------------------------------------------------------
 
 
-@part
+@inline
 def motion(cable, x0, x1):
     """By how much control points move relative to the first one at most [m], and the largest change
     of an edge between neighbours, as a share of its length there.
@@ -451,14 +451,14 @@ def motion(cable, x0, x1):
     return np.sqrt(way), np.sqrt(turn)
 
 
-@part
+@inline
 def middle_of(cable, x, b, d):
     """One line of the mean of the control points of span b."""
     c = MARGIN + b
     return 0.25 * (x[d, c] + x[d, c + 1] + x[d, c + 2] + x[d, c + 3])
 
 
-@part
+@inline
 def size_of(cable, x, b):
     """Distance of the farthest control point of span b from their mean."""
     square = 0.0
@@ -470,7 +470,7 @@ def size_of(cable, x, b):
     return np.sqrt(square)
 
 
-@part
+@inline
 def leaves_cone(cable, x, first, c):
     """Whether the edge from control point c (a column) leaves the cone about that from `first`."""
     along = one = other = 0.0
@@ -482,7 +482,7 @@ def leaves_cone(cable, x, first, c):
     return not along > 0.0 or along * along < CONE * CONE * one * other
 
 
-@part
+@inline
 def find_near(cable, x, margin):
     """Set `state.near_pair`: spans that may come within a diameter of each other while control
     points move by `margin`.
@@ -514,7 +514,7 @@ def find_near(cable, x, margin):
     state.balance.near_spans = float(count)
 
 
-@part
+@inline
 def relative_way(cable, change, a, b):
     """Bound of the motion of a point of span a relative to one of span b [m]."""
     one = other = 0.0
@@ -528,7 +528,7 @@ def relative_way(cable, change, a, b):
     return np.sqrt(one) + np.sqrt(other)
 
 
-@part
+@inline
 def apart_at(corner, segments, a, b):
     """Distance of the middles of two spans [m]."""
     far, k = 0.0, 3 * (segments // 2)
@@ -537,7 +537,7 @@ def apart_at(corner, segments, a, b):
     return np.sqrt(far)
 
 
-@part
+@inline
 def release(cable, p):
     """Count the energy of the bristle of a pair that left its contact as lost."""
     pair, chain = cable.state.pair, cable.chain
@@ -547,7 +547,7 @@ def release(cable, p):
     cable.state.balance.dissipated += 0.5 * chain.law[BRISTLE] * wide * square
 
 
-@part
+@inline
 def find_pairs(cable, x, change):
     """Set `state.pair` to the segments that may touch in a step from x that is expected to be
     `change`, with their bristles; and `work.near_room`.
@@ -602,7 +602,7 @@ def find_pairs(cable, x, change):
     gather(cable, BEGUN)
 
 
-@piece(void, CABLE, float64, LINES, LINES, LINES, terms=SELF)
+@kernel(void, CABLE, float64, LINES, LINES, LINES, terms=SELF)
 def begin(cable, tau, x0, x1, change):
     """Prepare a step of length tau from x0 that is expected to lead to x1 = x0 + change: find what
     may touch.
@@ -621,7 +621,7 @@ def begin(cable, tau, x0, x1, change):
         find_pairs(cable, x0, change)
 
 
-@piece(void, int64, terms=SELF)
+@kernel(void, int64, terms=SELF)
 def reset(address):
     """Find what touches at the present configuration, from which a run begins."""
     cable = cable_at(address)
@@ -636,7 +636,7 @@ def reset(address):
 # -- the end of a step ---------------------------------------------------------------------------
 
 
-@part
+@inline
 def looked_at_all(cable, folds):
     """Whether the motion of a step was not longer than its pairs allow for. `folds`: one that folds
     the cable is repeated with all pairs of spans.
@@ -658,7 +658,7 @@ def looked_at_all(cable, folds):
     return True
 
 
-@part
+@inline
 def corner_of(ends, p, k, t):
     """End k of the segments of pair p (two of the first, two of the second), at the share t of the
     step.
@@ -671,7 +671,7 @@ def corner_of(ends, p, k, t):
     )
 
 
-@part
+@inline
 def volume(ends, p, t):
     """u . (v x m) of the segments u, v of pair p at the share t of the step: zero in one plane."""
     a, b = corner_of(ends, p, 0, t), corner_of(ends, p, 2, t)
@@ -680,7 +680,7 @@ def volume(ends, p, t):
     return dot(u, cross(v, combined(1.0, a, -1.0, b)))
 
 
-@part
+@inline
 def meet(ends, p, t):
     """Whether the segments of pair p, in one plane at the share t of the step, meet there."""
     a, b = corner_of(ends, p, 0, t), corner_of(ends, p, 2, t)
@@ -693,7 +693,7 @@ def meet(ends, p, t):
     return -MEETING <= s <= 1.0 + MEETING and -MEETING <= r <= 1.0 + MEETING
 
 
-@part
+@inline
 def root(ends, p, low, high, at_low):
     """Zero of `volume` between two shares of the step with different signs, the first `at_low`."""
     for _ in range(40):
@@ -705,7 +705,7 @@ def root(ends, p, low, high, at_low):
     return 0.5 * (low + high)
 
 
-@part
+@inline
 def crosses(cable, p):
     """Whether the segments of pair p pass through each other when their ends move straight: they
     meet where `volume`, a cubic polynomial, is zero. In planar motion it always is: they meet if
@@ -739,7 +739,7 @@ def crosses(cable, p):
     return False
 
 
-@part
+@inline
 def too_many(cable, level, left):
     """Whether a step that was halved `level` times, and can be `left` times more, should be, since
     there is no room for the pairs that may touch in it.
@@ -747,7 +747,7 @@ def too_many(cable, level, left):
     return cable.work.results.pairs_beyond > 0.0 and level < LAST_HALVINGS and left > 0
 
 
-@piece(boolean, CABLE, float64, int64, int64, terms=SELF)
+@kernel(boolean, CABLE, float64, int64, int64, terms=SELF)
 def validate(cable, tau, level, left):
     """Whether a converged step of length tau may stand: all that came
     near was looked at, and nothing passed through itself; or it is counted, since the step was
@@ -773,7 +773,7 @@ def validate(cable, tau, level, left):
     return True
 
 
-@part
+@inline
 def commit(cable):
     """Account for a step that was found valid, and keep its bristles."""
     state, count = cable.state, int(cable.state.balance.pairs)
@@ -793,7 +793,7 @@ def commit(cable):
 # -- what touches, for reports -------------------------------------------------------------------
 
 
-@piece(void, int64, ARRAY_2D, terms=SELF)
+@kernel(void, int64, ARRAY_2D, terms=SELF)
 def report(address, out):
     """Of all pairs at the present configuration: gap [m]; length [m] that touches, else 0; on the
     first strand the material coordinate [m] and the force [N], by line (3).

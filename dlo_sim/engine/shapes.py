@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from numba import int64, void
 
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import fabs, sqrt, where, zero
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import BOXED, CABLE, MESHED, ROUND, TUBED
 from dlo_sim.engine.contact_law import TINY, sign
 from dlo_sim.engine.distance_field import field_distance
@@ -21,13 +21,13 @@ HALF_SPACE, BOX, CYLINDER, TUBE, MESH = range(5)  # kinds of cores
 POINT, PLACE, DISTANCE, NORMAL, FAR, BEND, SIZE = 0, 3, 6, 7, 10, 11, 17
 
 
-@part
+@inline
 def three(kept, at):
     """Three successive entries of lanes."""
     return kept[at], kept[at + 1], kept[at + 2]
 
 
-@part
+@inline
 def set_measured(kept, d, n, f, bend):
     """Set entries of `work.measured`: signed distance d from the core, its gradient n, the distance
     f from the centre of curvature, and f n' + n n^T as xx, yy, zz, xy, xz, yz.
@@ -38,14 +38,14 @@ def set_measured(kept, d, n, f, bend):
     kept[BEND + 3], kept[BEND + 4], kept[BEND + 5] = bend[3], bend[4], bend[5]
 
 
-@part
+@inline
 def measured(kept):
     """What `set_measured` has set: d, n, f, bend."""
     bend = kept[BEND], kept[BEND + 1], kept[BEND + 2], kept[BEND + 3], kept[BEND + 4]
     return kept[DISTANCE], three(kept, NORMAL), kept[FAR], (*bend, kept[BEND + 5])
 
 
-@piece(void, CABLE, int64, int64, int64, terms=BOXED)
+@kernel(void, CABLE, int64, int64, int64, terms=BOXED)
 def box_distance(cable, o, g, when):
     """`set_distance` for a box."""
     kept, h = cable.work.measured[o, g, when], cable.contact.half[o]
@@ -75,7 +75,7 @@ def box_distance(cable, o, g, when):
     set_measured(kept, d, n, fabs(d) + TINY, bend)
 
 
-@piece(void, CABLE, int64, int64, int64, terms=ROUND)
+@kernel(void, CABLE, int64, int64, int64, terms=ROUND)
 def cylinder_distance(cable, o, g, when):
     """`set_distance` for a cylinder about z: a box in the coordinates rho and z."""
     kept, h = cable.work.measured[o, g, when], cable.contact.half[o]
@@ -98,7 +98,7 @@ def cylinder_distance(cable, o, g, when):
     set_measured(kept, d, n, f, (xx, yy, on_cap, less * ex * ey, zero(), zero()))
 
 
-@piece(void, CABLE, int64, int64, int64, terms=TUBED)
+@kernel(void, CABLE, int64, int64, int64, terms=TUBED)
 def tube_distance(cable, o, g, when):
     """`set_distance` for a tube about z, open at both ends: a segment along z in the coordinates
     rho and z. The distance from the middle of its wall, so that d > 0 on both sides.
@@ -120,7 +120,7 @@ def tube_distance(cable, o, g, when):
     set_measured(kept, d, n, f, (xx, yy, 1.0 - wall, (1.0 - round_) * ex * ey, zero(), zero()))
 
 
-@piece(void, CABLE, int64, int64, int64, terms=MESHED)
+@kernel(void, CABLE, int64, int64, int64, terms=MESHED)
 def mesh_distance(cable, o, g, when):
     """`set_distance` for a mesh, with a distance of 1 m from the centre of curvature."""
     kept = cable.work.measured[o, g, when]
@@ -130,7 +130,7 @@ def mesh_distance(cable, o, g, when):
     set_measured(kept, d, n, zero() + 1.0, (xx, yy, zz, xy, xz, yz))
 
 
-@part
+@inline
 def set_distance(cable, o, g, when, y):
     """Set the distance of the samples of a group at places y in the frame of an obstacle."""
     core, kept = cable.contact.core[o], cable.work.measured[o, g, when]

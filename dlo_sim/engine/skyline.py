@@ -14,12 +14,12 @@ from __future__ import annotations
 from numba import boolean, int64, void
 
 from dlo_sim.compiling.groups import load
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES, lane_sum, zero
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import CABLE, LINES, PADDING, SELF, VECTOR
 
 
-@part
+@inline
 def begin_skyline(cable):
     """The skyline of the band alone."""
     begin, dim = cable.work.skyline_begin, cable.dim
@@ -27,7 +27,7 @@ def begin_skyline(cable):
         begin[r] = max(r - r % dim - 3 * dim, 0)
 
 
-@part
+@inline
 def reach_to(cable, first, other):
     """Let the four control points from `other` on couple with those from `first` on, which is not
     larger.
@@ -37,7 +37,7 @@ def reach_to(cable, first, other):
         begin[r] = min(begin[r], dim * first)
 
 
-@piece(boolean, CABLE, LINES, terms=SELF)
+@kernel(boolean, CABLE, LINES, terms=SELF)
 def open_skyline(cable, band):
     """Copy the band matrix into the skyline; returns whether there is room."""
     work, dim = cable.work, cable.dim
@@ -59,7 +59,7 @@ def open_skyline(cable, band):
     return True
 
 
-@part
+@inline
 def add_entry(work, r, c, value):
     """Add to entry (r, c) of the matrix."""
     if r > c:
@@ -71,7 +71,7 @@ def add_entry(work, r, c, value):
         work.skyline_pivot[r] += value
 
 
-@part
+@inline
 def product(sky, a, b, count):
     """Sum of sky[a + k] sky[b + k] over k < count."""
     rest = count % LANES
@@ -84,7 +84,7 @@ def product(sky, a, b, count):
     return sum_ + lane_sum(lanes)
 
 
-@piece(boolean, CABLE, terms=SELF)
+@kernel(boolean, CABLE, terms=SELF)
 def eliminate_skyline(cable):
     """LU factorisation in place without pivoting, as `band.eliminate`."""
     work = cable.work
@@ -112,7 +112,7 @@ def eliminate_skyline(cable):
     return True
 
 
-@piece(void, CABLE, int64, VECTOR, terms=SELF)
+@kernel(void, CABLE, int64, VECTOR, terms=SELF)
 def substitute_skyline(cable, size, x):
     """Forward and back substitution in place; unknown r is x[PADDING + r]."""
     work = cable.work

@@ -38,8 +38,8 @@ from __future__ import annotations
 import numpy as np
 from numba import boolean, float64, int64, void
 
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES, lane
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, SLIDING, SPRING, VECTOR, cable_at
 from dlo_sim.engine.grasps import component, direction_at, moves, place
 from dlo_sim.terms.vectors import combined, dot
@@ -56,7 +56,7 @@ APART = 1e-7  # of the length, below which the mean tangent is the tangent
 # -- the curve at a material coordinate ---------------------------------------------------------
 
 
-@part
+@inline
 def basis_at(cable, u):
     """First control point of the span at u, and the values, first and second derivatives of its
     four basis functions there; beyond an end of the cable those of its tangent.
@@ -86,7 +86,7 @@ def basis_at(cable, u):
     )
 
 
-@part
+@inline
 def basis_of(mesh, block, k, j, xi, slope):
     """Value and two derivatives of basis function j of lane k of a block."""
     constant, linear = lane(mesh.slopes[block, 3 * j], k), lane(mesh.slopes[block, 3 * j + 1], k)
@@ -99,7 +99,7 @@ def basis_of(mesh, block, k, j, xi, slope):
     )
 
 
-@part
+@inline
 def summed(cable, span, weights, x):
     """sum_k b_k x_k, by line."""
     at, dim = MARGIN + span, cable.dim
@@ -112,14 +112,14 @@ def summed(cable, span, weights, x):
     return first, second, third
 
 
-@part
+@inline
 def mean_of(cable, span, weights, x0, x1):
     """`summed` of the mean of two configurations."""
     a, b = summed(cable, span, weights, x0), summed(cable, span, weights, x1)
     return combined(0.5, a, 0.5, b)
 
 
-@part
+@inline
 def gaps(cable, k, at, basis, x):
     """r - p and r' - d of slide k with the pose of its gripper at `at`."""
     pose = cable.state.slide_pose[k]
@@ -133,7 +133,7 @@ def gaps(cable, k, at, basis, x):
 # -- the law ------------------------------------------------------------------------------------
 
 
-@part
+@inline
 def response(cable, k, u0, u1, x0, x1):
     """Of a step from (x0, u0) to (x1, u1): mean gaps a and b, of which a has that at the end along
     the cable; mean tangent t and curvature; G and its limit; both `basis_at`.
@@ -163,7 +163,7 @@ def response(cable, k, u0, u1, x0, x1):
     return a, b, t, turn, driving, law[FRICTION] * (pressed + law[GRIP]), begun, end
 
 
-@part
+@inline
 def stops_of(cable, k):
     """Material coordinates [m] between which slide k may end a step: less than halfway to others
     that slide, and no nearer than NEXT.
@@ -180,7 +180,7 @@ def stops_of(cable, k):
     return low, high
 
 
-@piece(float64, CABLE, int64, LINES, LINES, terms=SLIDING)
+@kernel(float64, CABLE, int64, LINES, LINES, terms=SLIDING)
 def slid_to(cable, k, x0, x1):
     """Material coordinate u1 [m] of slide k at the end of a step from x0 to x1, or on the tangent
     beyond the end of a cable that slips out.
@@ -206,7 +206,7 @@ def slid_to(cable, k, x0, x1):
     return u1
 
 
-@part
+@inline
 def push_slide(cable, basis, scale, a, b, out):
     """out += scale a on the material point of a basis, and scale b on its r'."""
     at = MARGIN + basis[0]
@@ -219,7 +219,7 @@ def push_slide(cable, basis, scale, a, b, out):
 # -- forces, energy, Jacobian -------------------------------------------------------------------
 
 
-@piece(float64, CABLE, LINES, LINES, LINES, terms=SLIDING)
+@kernel(float64, CABLE, LINES, LINES, LINES, terms=SLIDING)
 def step_slides(cable, x0, x1, out):
     """out += forces of an implicit step from x0 to x1; its u1 go to `work.slid`.
 
@@ -244,7 +244,7 @@ def step_slides(cable, x0, x1, out):
     return lost
 
 
-@piece(void, CABLE, LINES, LINES, terms=SLIDING)
+@kernel(void, CABLE, LINES, LINES, terms=SLIDING)
 def slide_force(cable, x, out):
     """out += forces at one configuration, with the grippers at the end of the step."""
     for k in range(cable.slides.count):
@@ -255,7 +255,7 @@ def slide_force(cable, x, out):
             push_slide(cable, basis, 1.0, f, moment, out)
 
 
-@part
+@inline
 def stored(cable, k, u, x):
     """U of slide k [J] with its gripper at the end of the step."""
     law = cable.slides.law[k]
@@ -263,7 +263,7 @@ def stored(cable, k, u, x):
     return 0.5 * (law[STIFFNESS] * dot(a, a) + law[TURNING] * dot(b, b))
 
 
-@piece(void, CABLE, LINES, VECTOR, terms=SLIDING)
+@kernel(void, CABLE, LINES, VECTOR, terms=SLIDING)
 def slide_energy(cable, x, out):
     """Add U [J] of all slides to the energy of the springs."""
     for k in range(cable.slides.count):
@@ -271,7 +271,7 @@ def slide_energy(cable, x, out):
             out[SPRING] += stored(cable, k, cable.state.slide[k], x)
 
 
-@piece(void, CABLE, boolean, LINES, LINES, float64, LINES, terms=SLIDING)
+@kernel(void, CABLE, boolean, LINES, LINES, float64, LINES, terms=SLIDING)
 def slide_tangent(cable, slips, x0, x1, scale, band):
     """band += scale times minus the Jacobian of the forces of a step with respect to x1, at fixed
     u1; or with `slips` false, scale/2 times that of U.
@@ -304,7 +304,7 @@ def slide_tangent(cable, slips, x0, x1, scale, band):
 # -- the grippers and the account ----------------------------------------------------------------
 
 
-@piece(void, CABLE, float64, terms=SLIDING)
+@kernel(void, CABLE, float64, terms=SLIDING)
 def move_slides(cable, t):
     """Move the grippers to where they are at time t, the end of the step."""
     for k in range(cable.slides.count):
@@ -312,7 +312,7 @@ def move_slides(cable, t):
             place_slide(cable, k, t)
 
 
-@part
+@inline
 def place_slide(cable, k, t):
     """The pose of a gripper at time t becomes that at the end of the step."""
     m, pose = cable.inputs.motion[cable.slides.grasp[k]], cable.state.slide_pose[k]
@@ -322,7 +322,7 @@ def place_slide(cable, k, t):
         pose[END + 3 + line] = component(d, cable.axes[line])
 
 
-@part
+@inline
 def settle_slides(cable, at, to):
     """The poses of the grippers at `at` become those at `to`."""
     for k in range(cable.slides.count):
@@ -331,7 +331,7 @@ def settle_slides(cable, at, to):
             pose[to + entry] = pose[at + entry]
 
 
-@piece(void, CABLE, float64, terms=SLIDING)
+@kernel(void, CABLE, float64, terms=SLIDING)
 def jump_slides(cable, t):
     """Put the grippers to where they are at time t, instantaneously."""
     for k in range(cable.slides.count):
@@ -339,13 +339,13 @@ def jump_slides(cable, t):
     settle_slides(cable, END, START)
 
 
-@piece(void, int64, float64, terms=SLIDING)
+@kernel(void, int64, float64, terms=SLIDING)
 def put_slides(address, t):
     """`jump_slides` of the cable at an address."""
     jump_slides(cable_at(address), t)
 
 
-@part
+@inline
 def pose_work(cable, k, a, b):
     """Work [J] of the gripper of slide k in a step with these mean gaps."""
     law, pose = cable.slides.law[k], cable.state.slide_pose[k]
@@ -357,7 +357,7 @@ def pose_work(cable, k, a, b):
     return work
 
 
-@piece(void, CABLE, LINES, LINES, terms=SLIDING)
+@kernel(void, CABLE, LINES, LINES, terms=SLIDING)
 def accept_slides(cable, x0, x1):
     """The step from x0 to x1 was made: count the work of the grippers, and keep what has slid. A
     cable whose end has passed its gripper has slipped out.

@@ -40,8 +40,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from dlo_sim.compiling.kernels import inline
 from dlo_sim.compiling.lanes import any_above, fabs, zero
-from dlo_sim.compiling.pieces import part
 from dlo_sim.engine.arrays import GUARDED
 from dlo_sim.terms import one_sided
 
@@ -79,14 +79,14 @@ def guard_stiffness(axial, bending, lengths, weight, by_span):
     return np.stack([STRENGTH * by_span * guarding, LENGTH_STRENGTH * guarding], axis=1)
 
 
-@part
+@inline
 def stiffness_on(cable, b):
     """`guard_stiffness` of a block; the second is 0 for a cable without the term GUARDED."""
     short = 1.0 if cable.terms & GUARDED else 0.0
     return cable.mesh.guard[b, 0], short * cable.mesh.guard[b, 1]
 
 
-@part
+@inline
 def products_gradient(on_v, n, on_c):
     """Half the gradient with respect to A, B and C as a matrix AA, AB, AC, BB, BC, CC that
     multiplies them, from dU/dv, n, and dU/dc at the three places. For the discrete gradient: from
@@ -105,7 +105,7 @@ def products_gradient(on_v, n, on_c):
     )
 
 
-@part
+@inline
 def may_act(inner):
     """Whether the guard may act on a span of a block with these inner products. It does not where
     the largest |c - A.A| on a span is below 2 sqrt(v0), as that limits v to v0, and below A.A - c0.
@@ -115,7 +115,7 @@ def may_act(inner):
     return any_above(spread - NARROW) or any_above(spread - (aa - LEAST))
 
 
-@part
+@inline
 def gaps_of(inner):
     """n, v0 - v, and c - c0 at the start, the middle and the end, from the inner products AA, AB,
     AC, BB, BC, CC.
@@ -129,7 +129,7 @@ def gaps_of(inner):
     return n, room, (even - odd, aa - LEAST, even + odd)
 
 
-@part
+@inline
 def guard_gradient(cable, b, inner):
     """Gradient of the guard in the form of `elastic.add_invariants`, from `elastic.products`."""
     if may_act(inner):
@@ -144,7 +144,7 @@ def guard_gradient(cable, b, inner):
     return zero(), zero(), zero(), zero(), zero(), zero()
 
 
-@part
+@inline
 def discrete_guard_gradient(cable, b, before, after):
     """Discrete gradient of the guard between configurations with these inner products, in the form
     of `elastic.add_invariants`, to be multiplied with the mean A, B and C.
@@ -161,13 +161,13 @@ def discrete_guard_gradient(cable, b, before, after):
     return products_gradient(on_v, sums(n0, n1), on_c)
 
 
-@part
+@inline
 def sums(n0, n1):
     """n0 + n1."""
     return n0[0] + n1[0], n0[1] + n1[1], n0[2] + n1[2], n0[3] + n1[3]
 
 
-@part
+@inline
 def guard_jacobian(cable, b, before, after):
     """Derivatives of `discrete_guard_gradient` with respect to the new configuration.
 
@@ -193,7 +193,7 @@ def guard_jacobian(cable, b, before, after):
     return factors, middle, products_gradient(1.0, n1, none)
 
 
-@part
+@inline
 def guard_energy(cable, b, inner):
     """Energy of the guard on every span of a block [J]."""
     uneven, short = stiffness_on(cable, b)

@@ -8,13 +8,13 @@ of a planar cable has zeros for its third line.
 from __future__ import annotations
 
 from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.kernels import inline
 from dlo_sim.compiling.lanes import LANES, sqrt, zero
-from dlo_sim.compiling.pieces import part
 from dlo_sim.engine.arrays import MARGIN
 from dlo_sim.terms.vectors import dot
 
 
-@part
+@inline
 def coefficients(mesh, b, line):
     """A, B, C of one line on the spans of block b."""
     at, m = MARGIN + LANES * b, mesh.slopes
@@ -26,7 +26,7 @@ def coefficients(mesh, b, line):
     )
 
 
-@part
+@inline
 def curve(cable, x, b, straight):
     """A, B, C of all spatial lines; `straight` times a unit tangent on lanes beyond the last."""
     mesh = cable.mesh
@@ -39,7 +39,7 @@ def curve(cable, x, b, straight):
     return p0, p1, p2
 
 
-@part
+@inline
 def tangent_at(p, xi):
     """t = r' at a local coordinate."""
     return (
@@ -49,7 +49,7 @@ def tangent_at(p, xi):
     )
 
 
-@part
+@inline
 def bending_at(p, xi, slope):
     """k = r'' at a local coordinate; `slope` is d xi / du."""
     two = 2.0 * xi
@@ -60,13 +60,13 @@ def bending_at(p, xi, slope):
     )
 
 
-@part
+@inline
 def three(row, k):
     """Three successive entries as a vector."""
     return row[k], row[k + 1], row[k + 2]
 
 
-@part
+@inline
 def store_three(row, k, v):
     """Set three successive entries to a vector."""
     row[k] = v[0]
@@ -74,13 +74,13 @@ def store_three(row, k, v):
     row[k + 2] = v[2]
 
 
-@part
+@inline
 def add_sample(g, on_t, on_k, xi):
     """g + gradient on A, B, C of one line from one sample's, on r' and (times d xi/du) on r''."""
     return g[0] + on_t, g[1] + (xi * on_t + on_k), g[2] + xi * (xi * on_t + 2.0 * on_k)
 
 
-@part
+@inline
 def scatter(mesh, b, g, scale, out):
     """out += scale times the gradient on the control points of a line; g: on A, B, C."""
     at, m = MARGIN + LANES * b, mesh.slopes
@@ -90,7 +90,7 @@ def scatter(mesh, b, g, scale, out):
         store(out, at + k, load(out, at + k) + scale * f)
 
 
-@part
+@inline
 def scatter_lines(cable, b, g0, g1, g2, scale, out):
     """`scatter` of all spatial lines."""
     mesh = cable.mesh
@@ -100,13 +100,13 @@ def scatter_lines(cable, b, g0, g1, g2, scale, out):
         scatter(mesh, b, g2, scale, out[2])
 
 
-@part
+@inline
 def integrated(inverse_slope, p, xi):
     """Value at xi of p0 + integral over u of p1 + p2 xi + p3 xi^2 from the middle of the span."""
     return p[0] + xi * inverse_slope * (p[1] + xi * (0.5 * p[2] + xi * p[3] * (1.0 / 3.0)))
 
 
-@part
+@inline
 def line_polynomial(mesh, b, line):
     """One line on the spans of a block: value at xi = 0, then A, B, C of its derivative."""
     at = MARGIN + LANES * b
@@ -117,7 +117,7 @@ def line_polynomial(mesh, b, line):
     return value, p[0], p[1], p[2]
 
 
-@part
+@inline
 def basis_at(mesh, b, k, inverse_slope, xi):
     """Value of basis function k of a span."""
     m = mesh.slopes
@@ -125,14 +125,14 @@ def basis_at(mesh, b, k, inverse_slope, xi):
     return integrated(inverse_slope, p, xi)
 
 
-@part
+@inline
 def add_cubic(a, f, xi):
     """a + f (1, xi, xi^2, xi^3), with f a sample's gradient on a line's value: `scatter_values`."""
     g = xi * f
     return a[0] + f, a[1] + g, a[2] + xi * g, a[3] + xi * xi * g
 
 
-@part
+@inline
 def scatter_values(mesh, b, f, scale, out):
     """out += scale times the gradient on the control points of a line; f: from `add_cubic`."""
     inverse, at = 1.0 / mesh.slope[b], MARGIN + LANES * b
@@ -142,7 +142,7 @@ def scatter_values(mesh, b, f, scale, out):
         store(out, at + k, load(out, at + k) + scale * mesh.values[b, k] * f[0])
 
 
-@part
+@inline
 def span_strains(mesh, b, p):
     """m and l, mean and linear part of the axial strain, of the spans of a block (`elastic`)."""
     mean, slope, share = zero(), zero(), mesh.share[b]
@@ -156,7 +156,7 @@ def span_strains(mesh, b, p):
     return mean, slope
 
 
-@part
+@inline
 def products(p):
     """Inner products A.A, A.B, A.C, B.B, B.C, C.C of the coefficients of r'."""
     a, b, c = (
@@ -167,7 +167,7 @@ def products(p):
     return dot(a, a), dot(a, b), dot(a, c), dot(b, b), dot(b, c), dot(c, c)
 
 
-@part
+@inline
 def matrix_times(g, p):
     """The symmetric matrix g, (AA, AB, AC, BB, BC, CC), times A, B, C of one line."""
     return (

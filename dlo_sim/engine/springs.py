@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from numba import boolean, float64, void
 
-from dlo_sim.compiling.pieces import part, piece
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, SPRUNG
 from dlo_sim.engine.grasps import component, direction_at, moves, prescribed_place
 from dlo_sim.engine.rows import point_value
@@ -20,32 +20,32 @@ from dlo_sim.engine.rows import point_value
 ROLL_DAMPING = 0.5  # damping over stiffness, in units of the step
 
 
-@part
+@inline
 def row_of(cable, k):
     """Constraint row of spring k."""
     return cable.rows.count + k
 
 
-@part
+@inline
 def rolls(cable, k):
     """Whether spring k is a roll spring."""
     return cable.rows.line[row_of(cable, k)] == cable.dim
 
 
-@part
+@inline
 def spring_stiffness(cable, k):
     """Stiffness of spring k [N/m], or [N m/rad] of r' and of the twist."""
     return cable.rows.stiffness[row_of(cable, k)]
 
 
-@part
+@inline
 def spring_value(cable, k, x):
     """sum_q b_q x_q of spring k."""
     row = row_of(cable, k)
     return point_value(cable, cable.rows.point[row], cable.rows.line[row], x)
 
 
-@part
+@inline
 def push(cable, k, f, out):
     """out += b_q f on the coordinates of spring k."""
     row, points = row_of(cable, k), cable.points
@@ -57,7 +57,7 @@ def push(cable, k, f, out):
             out[line, MARGIN + points.other[point] + q] += points.other_weights[point, q] * f
 
 
-@piece(void, CABLE, LINES, float64, boolean, LINES, terms=SPRUNG)
+@kernel(void, CABLE, LINES, float64, boolean, LINES, terms=SPRUNG)
 def spring_force(cable, x, share, rolling, out):
     """out += forces of the springs, with anchors at the share `share` of their motion in the step.
 
@@ -74,7 +74,7 @@ def spring_force(cable, x, share, rolling, out):
         push(cable, k, f, out)
 
 
-@part
+@inline
 def roll_loss(cable, change):
     """Energy [J] dissipated in a step by the damping of the roll springs (damping coefficient
     ROLL_DAMPING times stiffness times step), and the work [J] of the anchors against it.
@@ -91,7 +91,7 @@ def roll_loss(cable, change):
     return lost, driven
 
 
-@part
+@inline
 def add_roll_stiffness(cable, matrix):
     """matrix += stiffness of the roll springs; the lower diagonals, entry (i + k, i) at [k, i]."""
     points = cable.points
@@ -104,7 +104,7 @@ def add_roll_stiffness(cable, matrix):
                     matrix[p - q, begin + q] += spring_stiffness(cable, k) * (b[p] * b[q])
 
 
-@part
+@inline
 def add_roll_change(cable, moved, out):
     """out += change of the moments of the roll springs by a change `moved` of the twist line."""
     for k in range(cable.rows.springs):
@@ -113,7 +113,7 @@ def add_roll_change(cable, moved, out):
             push(cable, k, -stiffness * spring_value(cable, k, moved), out)
 
 
-@piece(float64, CABLE, LINES, terms=SPRUNG)
+@kernel(float64, CABLE, LINES, terms=SPRUNG)
 def spring_energy(cable, x):
     """Elastic energy of the springs [J]."""
     energy = 0.0
@@ -123,7 +123,7 @@ def spring_energy(cable, x):
     return energy
 
 
-@part
+@inline
 def target_of(cable, k, t):
     """Anchor of spring k at time t: twist angle of its grasp [rad], or one coordinate of its
     attachment point [m] or of its direction.
@@ -136,7 +136,7 @@ def target_of(cable, k, t):
     return a[3] if line == cable.dim else component(a, cable.axes[line])
 
 
-@piece(void, CABLE, float64, terms=SPRUNG)
+@kernel(void, CABLE, float64, terms=SPRUNG)
 def move_anchors(cable, t):
     """Set the anchors of moving grasps to their values at time t."""
     for k in range(cable.rows.springs):
@@ -145,7 +145,7 @@ def move_anchors(cable, t):
             cable.state.anchor[k] = target_of(cable, k, t)
 
 
-@piece(float64, CABLE, LINES, LINES, terms=SPRUNG)
+@kernel(float64, CABLE, LINES, LINES, terms=SPRUNG)
 def anchor_work(cable, x0, x1):
     """Work [J] of the moving anchors while the cable moves from x0 to x1:
     k (mean anchor - mean value) (change of the anchor), exact if both change linearly in time.
@@ -158,14 +158,14 @@ def anchor_work(cable, x0, x1):
     return done
 
 
-@part
+@inline
 def accept_anchors(cable):
     """The energy account contains the work of the anchors up to their present values."""
     for k in range(cable.rows.springs):
         cable.state.anchor_counted[k] = cable.state.anchor[k]
 
 
-@part
+@inline
 def restore_anchors(cable):
     """Take back the motion of the anchors in a rejected step."""
     for k in range(cable.rows.springs):

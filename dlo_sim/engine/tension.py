@@ -27,8 +27,8 @@ from __future__ import annotations
 from numba import float64, void
 from numba.types import UniTuple
 
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import lane_sum, sqrt, zero
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import ANY_STRETCH, BETWEEN, CABLE, IMPLICIT, LINES, SPAN_STRETCH
 from dlo_sim.engine.spans import curve, span_strains, tangent_at
 from dlo_sim.terms import stretch
@@ -37,7 +37,7 @@ from dlo_sim.terms.vectors import combined, dot
 TURN = 3.0  # largest change of a tangent by a correction, in its largest entry per span length
 
 
-@part
+@inline
 def strain_rates(mesh, b, p, q, moved):
     """m and l (`elastic`) of the strain increment in a motion, at the midpoint of p and q."""
     average, slope, share = zero(), zero(), mesh.share[b]
@@ -51,7 +51,7 @@ def strain_rates(mesh, b, p, q, moved):
     return average, slope
 
 
-@part
+@inline
 def local_strain(cable, xi, span, t):
     """The strain at a quadrature point with the tangent t; `span`: m and l times its factor."""
     if cable.terms & SPAN_STRETCH:
@@ -59,7 +59,7 @@ def local_strain(cable, xi, span, t):
     return stretch.strain(dot(t, t))
 
 
-@part
+@inline
 def strains_of_span(cable, b, p):
     """m and l times its factor f, where stretching counts by span, else zeros."""
     if cable.terms & SPAN_STRETCH:
@@ -68,7 +68,7 @@ def strains_of_span(cable, b, p):
     return zero(), zero()
 
 
-@piece(void, CABLE, LINES, LINES, LINES, float64, family=IMPLICIT | BETWEEN)
+@kernel(void, CABLE, LINES, LINES, LINES, float64, family=IMPLICIT | BETWEEN)
 def predict_tension(cable, x0, x1, moved, share):
     """Predict the tension for a correction `moved` of x1, the end of a step from x0, to first
     order. With x0 = x1 at the middle of the step, `moved` counts by half. `share`: 1 where the
@@ -96,7 +96,7 @@ def predict_tension(cable, x0, x1, moved, share):
             tension[b, j] = 0.5 * now + kept * tension[b, j]
 
 
-@part
+@inline
 def shorten_tension(cable, share):
     """Leave this share of the last prediction."""
     tension, before = cable.state.tension, cable.work.tension_before
@@ -105,7 +105,7 @@ def shorten_tension(cable, share):
             tension[b, j] = before[b, j] + share * (tension[b, j] - before[b, j])
 
 
-@piece(void, CABLE, LINES, LINES)
+@kernel(void, CABLE, LINES, LINES)
 def take_tension(cable, x0, x1):
     """Set the tension to that of the mean strain at x0 and x1; that of a cable of constant length
     stays.
@@ -122,7 +122,7 @@ def take_tension(cable, x0, x1):
             tension[b, j] = 0.5 * (now + local_strain(cable, xi, s1, tangent_at(q, xi)))
 
 
-@part
+@inline
 def may_stretch(cable, moved, allowed):
     """Whether a correction whose largest entry is `moved` [m] may cause a strain beyond the
     predicted one of more than the energy `allowed` [J]: that strain is of second order.
@@ -132,7 +132,7 @@ def may_stretch(cable, moved, allowed):
     return cable.physics.axial_round_off * strain * strain > allowed
 
 
-@part
+@inline
 def copy_tension(source, target):
     """target = source."""
     for b in range(source.shape[0]):
@@ -140,7 +140,7 @@ def copy_tension(source, target):
             target[b, j] = source[b, j]
 
 
-@piece(UniTuple(float64, 2), CABLE, LINES, LINES, LINES, family=IMPLICIT)
+@kernel(UniTuple(float64, 2), CABLE, LINES, LINES, LINES, family=IMPLICIT)
 def unpredicted(cable, x0, x1, moved):
     """What the strain of a step from x0 to x1 has beyond the predicted tension: its energy, and the
     work of its force along `moved` [J].

@@ -14,8 +14,8 @@ GJ (gamma^2 / 2 - theta' gamma), which is here. Three dimensions only.
 
 from __future__ import annotations
 
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES, lane, lane_sum, zero
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import TORSION, TORSIONAL
 from dlo_sim.engine.spans import (
     add_sample,
@@ -30,7 +30,7 @@ from dlo_sim.engine.term import ENERGY, FORCE
 from dlo_sim.terms.vectors import cross, dot
 
 
-@part
+@inline
 def torsion_of(floor, t, k, third):
     """gamma, C, 1 / (|C|^2 + delta^2); `floor` is delta^2."""
     b = cross(t, k)
@@ -38,7 +38,7 @@ def torsion_of(floor, t, k, third):
     return dot(b, third) * inverse, b, inverse
 
 
-@part
+@inline
 def density_gradient(stiffness, floor, t, k, third, rate):
     """Gradients with respect to r', r'', r''' and theta'."""
     gamma, b, inverse = torsion_of(floor, t, k, third)
@@ -51,20 +51,20 @@ def density_gradient(stiffness, floor, t, k, third, rate):
     return cross(k, e), cross(e, t), (f * b[0], f * b[1], f * b[2]), -stiffness * gamma
 
 
-@part
+@inline
 def third_derivative(p, slope):
     """r''', constant on each span."""
     f = 2.0 * slope * slope
     return f * p[0][2], f * p[1][2], f * p[2][2]
 
 
-@part
+@inline
 def angle_block(cable, x, b):
     """Coefficients of theta' on the spans of a block."""
     return coefficients(cable.mesh, b, x[cable.dim])
 
 
-@piece(*FORCE, terms=TORSION)
+@kernel(*FORCE, terms=TORSION)
 def force(cable, _, x, out):
     """out -= gradient of the energy."""
     mesh, floor = cable.mesh, cable.physics.torsion_floor
@@ -90,7 +90,7 @@ def force(cable, _, x, out):
         scatter(mesh, b, turn, -1.0, out[cable.dim])
 
 
-@piece(*ENERGY, terms=TORSION)
+@kernel(*ENERGY, terms=TORSION)
 def energy(cable, x, out):
     """Add the energy [J]."""
     mesh, floor, sum_ = cable.mesh, cable.physics.torsion_floor, zero()
@@ -106,7 +106,7 @@ def energy(cable, x, out):
     out[TORSIONAL] += lane_sum(sum_)
 
 
-@part
+@inline
 def undefined_torsion(cable, x):
     """Number of quadrature points with |C| below the curvature floor."""
     mesh, floor, count = cable.mesh, cable.physics.torsion_floor, 0.0

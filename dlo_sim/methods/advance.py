@@ -10,7 +10,7 @@ from __future__ import annotations
 from numba import float64, int64
 
 from dlo_sim.compiling.groups import grid
-from dlo_sim.compiling.pieces import ARRAY_2D, ARRAY_3D, COUNTS, part, piece
+from dlo_sim.compiling.kernels import ARRAY_2D, ARRAY_3D, COUNTS, inline, kernel
 from dlo_sim.engine.account import update_account
 from dlo_sim.engine.arrays import (
     CABLE,
@@ -35,7 +35,7 @@ from dlo_sim.methods.works import NATURAL, evaluate, has_work, turn_natural_shap
 from dlo_sim.methods.zhai import zhai_step
 
 
-@piece(int64, METHOD, CABLE, int64, float64, terms=SPLITTING | RUNGE_KUTTA | ZHAI)
+@kernel(int64, METHOD, CABLE, int64, float64, terms=SPLITTING | RUNGE_KUTTA | ZHAI)
 def explicit_step(method, cable, step, tau):
     """Step number `step` of a method that is not implicit, as `take_step`."""
     if method.family == SPLITTING:
@@ -49,7 +49,7 @@ def explicit_step(method, cable, step, tau):
     return OK if done else NOT_CONVERGED
 
 
-@part
+@inline
 def take_step(method, cable, step, tau):
     """Step number `step` of the scene's method; returns its outcome."""
     if method.family == IMPLICIT:
@@ -57,7 +57,7 @@ def take_step(method, cable, step, tau):
     return explicit_step(method, cable, step, tau)
 
 
-@piece(
+@kernel(
     *(COUNTS, int64, int64, int64, int64, float64, int64),
     *(ARRAY_3D, NATURAL, ARRAY_2D),
 )

@@ -9,7 +9,7 @@ from __future__ import annotations
 from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import grid
-from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, NO, YES, part, piece
+from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, NO, YES, inline, kernel
 from dlo_sim.engine import account, contact
 from dlo_sim.engine.arrays import BETWEEN, CABLE, CONTACT, PADDING, TWISTED, cable_at
 from dlo_sim.engine.assembly import (
@@ -64,7 +64,7 @@ from dlo_sim.engine.tension import take_tension
 from dlo_sim.methods.works import NATURAL, evaluate, turn_natural_shape
 
 
-@piece(void, int64, float64)
+@kernel(void, int64, float64)
 def turn_to(address, t):
     """Set the directions of the constraint rows, and S^-1, to those of the grasps at time t."""
     cable = cable_at(address)
@@ -72,7 +72,7 @@ def turn_to(address, t):
     take_directions(cable)
 
 
-@piece(void, int64, float64)
+@kernel(void, int64, float64)
 def place_held(address, t):
     """Project the configuration onto the constraints at time t, in the metric of the mass M."""
     cable = cable_at(address)
@@ -82,38 +82,38 @@ def place_held(address, t):
     add_shifts(cable, 1.0, cable.state.x)
 
 
-@piece(void, int64)
+@kernel(void, int64)
 def keep_free_motion(address):
     """w <- P w, for a `state.w` that holds velocities."""
     cable = cable_at(address)
     project(cable, cable.state.w, cable.work.multipliers)
 
 
-@piece(void, int64, float64, ARRAY_2D)
+@kernel(void, int64, float64, ARRAY_2D)
 def velocity(address, t, out):
     """Velocities of all control points at time t into the lines `out`."""
     velocities(cable_at(address), t, grid(out))
 
 
-@piece(float64, int64, ARRAY_2D)
+@kernel(float64, int64, ARRAY_2D)
 def kinetic_energy(address, v):
     """v^T M v / 2 [J] of the lines `v`."""
     return kinetic(cable_at(address), grid(v))
 
 
-@piece(void, int64)
+@kernel(void, int64)
 def open_account(address):
     """Start the energy balance at the present state (`account.open_account`)."""
     account.open_account(cable_at(address))
 
 
-@piece(void, int64)
+@kernel(void, int64)
 def measure(address):
     """Compute the kinetic energy of w and the potential energies (`account.measure`)."""
     account.measure(cable_at(address))
 
 
-@piece((float64, float64), int64)
+@kernel((float64, float64), int64)
 def open_balance(address):
     """Open energy balance, and energy exchanged so far or floor (`account.open_balance`) [J]."""
     cable = cable_at(address)
@@ -121,7 +121,7 @@ def open_balance(address):
     return error, max(exchanged, cable.state.balance.floor)
 
 
-@piece(void, ARRAY, float64, ARRAY)
+@kernel(void, ARRAY, float64, ARRAY)
 def grasp_place(motion, t, out):
     """Attachment point (3) [m] and twist angle [rad] of a grasp at time t, from its numbers
     `motion` (MOTION_SIZE,) into `out` (4,).
@@ -130,14 +130,14 @@ def grasp_place(motion, t, out):
     out[0], out[1], out[2], out[3] = a[0], a[1], a[2], a[3]
 
 
-@piece(void, ARRAY, float64, ARRAY)
+@kernel(void, ARRAY, float64, ARRAY)
 def grasp_direction(motion, t, out):
     """Unit direction of the cable at a grasp at time t, as `grasp_place`, into `out` (3,)."""
     d = direction_at(grid(motion), t)
     out[0], out[1], out[2] = d[0], d[1], d[2]
 
 
-@piece(void, int64, float64, ARRAY_2D)
+@kernel(void, int64, float64, ARRAY_2D)
 def forces_now(address, t, out):
     """Potential and load forces at the present configuration into the lines `out`."""
     cable, f = cable_at(address), grid(out)
@@ -145,7 +145,7 @@ def forces_now(address, t, out):
     load_force(cable, cable.state.x, t, f)
 
 
-@piece(void, int64, boolean)
+@kernel(void, int64, boolean)
 def stiffness(address, moments):
     """`set_stiffness` with the tension of the present shape, and with `moments` that of the applied
     moments, which depend on the tangent, at time zero.
@@ -156,7 +156,7 @@ def stiffness(address, moments):
         add_load_stiffness(cable, cable.state.x, 0.0, 1.0, cable.work.band)
 
 
-@piece(void, CABLE, boolean)
+@kernel(void, CABLE, boolean)
 def set_stiffness(cable, predicted):
     """`work.band` = Hessian of the potential energy with respect to the spatial lines, if
     `predicted` with the predicted tension (`engine.tension`) instead of that of the present shape.
@@ -173,7 +173,7 @@ def set_stiffness(cable, predicted):
     slide_tangent(cable, NO, x, x, 2.0, band)
 
 
-@piece(int64, int64, ARRAY_2D, boolean, family=BETWEEN)
+@kernel(int64, int64, ARRAY_2D, boolean, family=BETWEEN)
 def solve_held(address, unknowns, transposed):
     """Solve K y = unknowns, or K^T y = unknowns, for every row of the unknowns (m, n dim), in place
     with the constraint rows imposed; K in `work.band` is overwritten.
@@ -213,7 +213,7 @@ def solve_held(address, unknowns, transposed):
     return negative
 
 
-@piece(void, int64, ARRAY_2D, boolean)
+@kernel(void, int64, ARRAY_2D, boolean)
 def free_acceleration(address, lines, keep):
     """f <- P M^-1 f for forces in lines, in place; without P if `keep` is false."""
     cable, x = cable_at(address), grid(lines)
@@ -225,7 +225,7 @@ def free_acceleration(address, lines, keep):
 RATE_STEP = 1e-6  # [s] for the finite differences of prescribed velocities
 
 
-@part
+@inline
 def add_held_accelerations(cable, t, out):
     """out += prescribed accelerations of the constraint rows at time t, shape (rows,).
 
@@ -255,7 +255,7 @@ def add_held_accelerations(cable, t, out):
                     out[k] += (2.0 * side - 1.0) * f / (2.0 * RATE_STEP)
 
 
-@piece(void, int64, float64, ARRAY_2D, ARRAY)
+@kernel(void, int64, float64, ARRAY_2D, ARRAY)
 def held_force(address, t, force, out):
     """Reactions `out`, shape (rows,), of the grasps on the constraint rows at time t: [N], twist
     [N m].
@@ -275,7 +275,7 @@ def held_force(address, t, force, out):
     through_inverse(state.inverse, work.rates, 1.0, values)
 
 
-@piece(void, int64, ARRAY_2D, ARRAY_2D, family=BETWEEN)
+@kernel(void, int64, ARRAY_2D, ARRAY_2D, family=BETWEEN)
 def damping_forces(address, velocities, out):
     """out += forces of linear damping, drag and viscosity at these velocities; both are lines."""
     cable, v, f = cable_at(address), grid(velocities), grid(out)
@@ -295,7 +295,7 @@ def damping_forces(address, velocities, out):
         add_differences(cable.linear.twist, scale, v[cable.dim], f[cable.dim])
 
 
-@piece(void, int64, float64)
+@kernel(void, int64, float64)
 def jump(address, t):
     """Move the constraint rows and anchors to their targets at t instantaneously. The caller adds
     the change of the potential energy to the work of the grasps, as the rule of `works` does not
@@ -307,13 +307,13 @@ def jump(address, t):
     jump_slides(cable, t)
 
 
-@piece(void, int64, NATURAL, ARRAY)
+@kernel(void, int64, NATURAL, ARRAY)
 def turn_natural(address, rows, turn):
     """`turn_natural_shape` by the matrix `turn` (9,); `rows`: (blocks, samples, 4, LANES)."""
     turn_natural_shape(cable_at(address), grid(rows), grid(turn))
 
 
-@piece(void, int64, float64)
+@kernel(void, int64, float64)
 def settle(address, t):
     """Add the work up to time t to the energy balance."""
     evaluate(cable_at(address), t)

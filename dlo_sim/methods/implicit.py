@@ -29,8 +29,8 @@ import numpy as np
 from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.kernels import NO, YES, inline, kernel
 from dlo_sim.compiling.lanes import LANES, fabs, lane_sum, where, zero
-from dlo_sim.compiling.pieces import NO, YES, part, piece
 from dlo_sim.engine import contact, self_contact
 from dlo_sim.engine.account import RESOLUTION
 from dlo_sim.engine.arrays import (
@@ -175,7 +175,7 @@ FORGETTING = 1.5  # growth of the remembered contraction per step that does not 
 # -- the start of a step: predictor and prescribed motion ---------------------------------------
 
 
-@part
+@inline
 def copy_entries(source, target):
     """target = source, for matrices that are not padded to whole vectors."""
     for i in range(source.shape[0]):
@@ -183,7 +183,7 @@ def copy_entries(source, target):
             target[i, j] = source[i, j]
 
 
-@part
+@inline
 def without_tiny(value):
     """The value, or 0 on lanes where it is tiny: what decays from step to step would end in numbers
     that processors multiply a hundred times more slowly.
@@ -191,7 +191,7 @@ def without_tiny(value):
     return where(fabs(value) - TINY, value, zero())
 
 
-@part
+@inline
 def predict(cable, tau):
     """Predictor: quadratic extrapolation of the last three configurations, or constant w if they
     are not known. If the motion alternates from step to step, as undamped stiff modes do in steps
@@ -244,7 +244,7 @@ def predict(cable, tau):
     balance.length = tau
 
 
-@part
+@inline
 def learn_extrapolated_share(cable):
     """Fit the share with which the second difference before the step predicts that of the step, by
     least squares, within 0 to 1.
@@ -260,7 +260,7 @@ def learn_extrapolated_share(cable):
     cable.state.balance.extrapolated_share = min(max(share, 0.0), 1.0)
 
 
-@part
+@inline
 def keep_constraints(cable):
     """Restore the prescribed coordinates after extrapolation, whose round-off would grow from step
     to step. For grasps at rest.
@@ -283,7 +283,7 @@ def keep_constraints(cable):
         add_shifts(cable, 1.0, x)
 
 
-@piece(void, CABLE, float64, float64, family=IMPLICIT)
+@kernel(void, CABLE, float64, float64, family=IMPLICIT)
 def begin_step(cable, t0, tau):
     """Predict the configuration at the end of the step and move it onto the constraints there.
 
@@ -325,7 +325,7 @@ def begin_step(cable, t0, tau):
     self_contact.begin(cable, tau, work.start, state.x, work.change)
 
 
-@part
+@inline
 def undo_step(cable):
     """Restore the state at the start of the step; discard the history and the matrix."""
     state, work = cable.state, cable.work
@@ -345,14 +345,14 @@ def undo_step(cable):
 # -- the equations: forces, residual of the momentum balance, Jacobian --------------------------
 
 
-@part
+@inline
 def is_viscous(cable):
     """Whether stretching or bending has internal damping."""
     physics = cable.physics
     return cable.terms & DAMPED != 0 and physics.beta_stretch + physics.beta_bend > 0.0
 
 
-@piece(float64, CABLE, float64, float64, boolean, family=IMPLICIT)
+@kernel(float64, CABLE, float64, float64, boolean, family=IMPLICIT)
 def step_force(cable, t0, tau, discrete):
     """force = all forces of the step from `start` to the present configuration, start + change.
 
@@ -387,7 +387,7 @@ def step_force(cable, t0, tau, discrete):
     return lost
 
 
-@part
+@inline
 def take_reactions(cable, directions, out):
     """Write the forces of the grasps that balance `residual` to `out` (rows,), in a residual that
     becomes one in the frames of the clamps, with directions (rows, 3).
@@ -404,7 +404,7 @@ def take_reactions(cable, directions, out):
             out[k] = -residual[PADDING + own * dim + entry]
 
 
-@piece(float64, CABLE, float64, float64, family=IMPLICIT)
+@kernel(float64, CABLE, float64, float64, family=IMPLICIT)
 def set_residual(cable, a, b):
     """Set `residual` to that of the momentum balance, in the frames of the clamps, and `row_force`
     to the reactions of the constraint rows. Returns the sum |inertia_i change_i| [J].
@@ -426,7 +426,7 @@ def set_residual(cable, a, b):
     return energy
 
 
-@part
+@inline
 def factorize(cable, tau, discrete, matrix):
     """LU factors of the band matrix, with the couplings where the cable presses on itself or
     rolls; returns whether they exist.
@@ -443,7 +443,7 @@ def factorize(cable, tau, discrete, matrix):
     return eliminate(matrix, cable.n * cable.dim, cable.dim)
 
 
-@piece(boolean, CABLE, float64, float64, float64, boolean, family=IMPLICIT)
+@kernel(boolean, CABLE, float64, float64, float64, boolean, family=IMPLICIT)
 def newton_matrix(cable, t0, tau, a, discrete):
     """state.matrix = LU factors of the Jacobian of the momentum balance; return whether they exist.
 
@@ -481,7 +481,7 @@ def newton_matrix(cable, t0, tau, a, discrete):
 # -- one correction -----------------------------------------------------------------------------
 
 
-@part
+@inline
 def dot(padded, s):
     """y . s of a padded vector y of all unknowns, as four independent sums."""
     s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
@@ -496,7 +496,7 @@ def dot(padded, s):
     return (s0 + s1) + (s2 + s3)
 
 
-@part
+@inline
 def to_lines(cable, number):
     """`nudge` = correction `number`, in world coordinates by line."""
     work, dim = cable.work, cable.dim
@@ -509,14 +509,14 @@ def to_lines(cable, number):
             work.nudge[d, MARGIN + i] = step[i * dim + d]
 
 
-@part
+@inline
 def move(cable, share):
     """x and `change` += this share of `nudge`."""
     add(share, cable.work.nudge, cable.state.x)
     add(share, cable.work.nudge, cable.work.change)
 
 
-@part
+@inline
 def shorten(cable, number, before, share):
     """Leave this share of correction `number`, of which x and the tension contain `before`."""
     to_lines(cable, number)
@@ -524,7 +524,7 @@ def shorten(cable, number, before, share):
     shorten_tension(cable, share / before)
 
 
-@part
+@inline
 def correct(cable, known, discrete, allowed):
     """Solve for the next correction by Broyden's method, predict the tension that it causes, unless
     it cannot matter (`tension.may_stretch`), and add it to x and `change`.
@@ -576,14 +576,14 @@ def correct(cable, known, discrete, allowed):
     return energy, slope, defect, largest_entry, stretched
 
 
-@part
+@inline
 def shortened(before, after):
     """Share of a correction at which the residual along it vanishes by the secant rule, limited."""
     share = before / (before - after)
     return min(max(share, 0.1), 0.5) if share > 0.0 and share < np.inf else 0.1
 
 
-@part
+@inline
 def largest(x, lines):
     """Largest absolute value in the first `lines` lines."""
     value = 0.0
@@ -593,7 +593,7 @@ def largest(x, lines):
     return value
 
 
-@piece(boolean, CABLE, family=IMPLICIT)
+@kernel(boolean, CABLE, family=IMPLICIT)
 def turned_over(cable):
     """Whether an edge of the control polygon turned by more than a right angle in the step.
 
@@ -623,7 +623,7 @@ def turned_over(cable):
 # -- the end of a step: projected velocity, reactions, energy balance ---------------------------
 
 
-@part
+@inline
 def prescribed_energy(cable, directions, inverse, v):
     """Kinetic energy [J] of the prescribed motion, (B v)^T S^-1 (B v) / 2, of the constraint rows
     with these directions and this inverse, S^-1.
@@ -638,7 +638,7 @@ def prescribed_energy(cable, directions, inverse, v):
     return energy
 
 
-@piece(float64, CABLE, boolean, float64, terms=DAMPED, family=IMPLICIT)
+@kernel(float64, CABLE, boolean, float64, terms=DAMPED, family=IMPLICIT)
 def settle_overdamped(cable, moves, tau):
     """Remove the part of the velocity that alternates from step to step, where it exceeds the mean
     velocity; returns its energy [J].
@@ -706,7 +706,7 @@ def settle_overdamped(cable, moves, tau):
     return loss
 
 
-@piece(float64, CABLE, float64, float64, terms=CONTACT, family=IMPLICIT)
+@kernel(float64, CABLE, float64, float64, terms=CONTACT, family=IMPLICIT)
 def stop_contacts(cable, t, tau):
     """Give what is pressed at the end t of a step the velocity after contact (`engine.contact`);
     returns the energy lost [J]. Its impulses add to the work of obstacles and grasps, and to the
@@ -786,7 +786,7 @@ def stop_contacts(cable, t, tau):
     return lost + driven
 
 
-@piece(void, CABLE, float64, float64, float64, float64, family=IMPLICIT)
+@kernel(void, CABLE, float64, float64, float64, float64, family=IMPLICIT)
 def finish_step(cable, t0, tau, whole, lost):
     """Update w, the mean reactions, and the energy balance.
 
@@ -838,7 +838,7 @@ def finish_step(cable, t0, tau, whole, lost):
 # -- the iteration ------------------------------------------------------------------------------
 
 
-@part
+@inline
 def allowed_error(balance, tolerance, inertia, room):
     """Energy error [J] allowed in this step: `tolerance` times the energy exchanged so far, reduced
     to TIGHT times an energy scale as the error of the balance approaches `room` tolerances.
@@ -850,7 +850,7 @@ def allowed_error(balance, tolerance, inertia, room):
     return max(loose, min(tolerance, TIGHT) * scale)
 
 
-@part
+@inline
 def may_keep(cable, a):
     """Whether a step may start with the matrix of an earlier one: it has the same factor a of the
     mass, no wait is due (`judge_matrix`), and there are no border rows, whose part of the
@@ -861,7 +861,7 @@ def may_keep(cable, a):
     return made and balance.matrix_wait == 0.0 and bordered(cable) == 0
 
 
-@part
+@inline
 def judge_matrix(balance, iterations, made):
     """Decide whether the next steps reuse their matrix; `made` is the iteration in which the last
     matrix of this step was factorised, 0 if in an earlier step.
@@ -882,7 +882,7 @@ def judge_matrix(balance, iterations, made):
             balance.matrix_shrinking = min(FORGETTING * balance.matrix_shrinking, 1.0)
 
 
-@piece(
+@kernel(
     *(boolean, CABLE, METHOD),
     *(float64, float64, float64, int64, boolean, boolean),
     family=IMPLICIT,
@@ -1048,7 +1048,7 @@ def try_step(cable, method, t0, tau, whole, level, careful, predicts):
 # -- a whole step ------------------------------------------------------------------------------
 
 
-@piece(boolean, METHOD, CABLE, int64, float64, terms=IMPLICIT)
+@kernel(boolean, METHOD, CABLE, int64, float64, terms=IMPLICIT)
 def implicit_step(method, cable, step, tau):
     """Step number `step`, of length tau, in the substeps of a composition method, each halved where
     Newton's method does not converge; returns whether it succeeded.

@@ -17,7 +17,7 @@ from __future__ import annotations
 from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import grid
-from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, NO, YES, part, piece
+from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, NO, YES, inline, kernel
 from dlo_sim.engine.arrays import (
     BETWEEN,
     BISHOP,
@@ -79,7 +79,7 @@ COLOURS = 7  # control points that far apart do not act on each other
 GIVEN = int64, float64, ARRAY, ARRAY_2D, ARRAY, float64, boolean, boolean
 
 
-@piece((int64, float64), *GIVEN, family=BETWEEN)
+@kernel((int64, float64), *GIVEN, family=BETWEEN)
 def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
     """One step of pseudo-time `pseudo` [s^2] in place.
 
@@ -131,14 +131,14 @@ def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
     return 0, 0.0
 
 
-@piece(boolean, *GIVEN, family=BETWEEN)
+@kernel(boolean, *GIVEN, family=BETWEEN)
 def is_stable(address, pseudo, guide, begun, anchors, length, twist, rolls):
     """Whether the matrix of such a step at the present shape is positive."""
     clear(cable_at(address).work.change)
     return correct(address, pseudo, grid(guide), grid(begun), length, NO, twist, NO)
 
 
-@part
+@inline
 def size_of(cable, change, lines, length):
     """Largest entry, as a share of the length or in radians."""
     largest = 0.0
@@ -151,7 +151,7 @@ def size_of(cable, change, lines, length):
     return largest
 
 
-@piece(boolean, int64, float64, VECTOR, LINES, float64, boolean, boolean, boolean, family=BETWEEN)
+@kernel(boolean, int64, float64, VECTOR, LINES, float64, boolean, boolean, boolean, family=BETWEEN)
 def correct(address, pseudo, guide, begun, length, predicted, twist, rolls):
     """Set `work.nudge` to Newton's correction; returns whether it exists and leads downhill.
 
@@ -192,7 +192,7 @@ def correct(address, pseudo, guide, begun, length, predicted, twist, rolls):
     return finite
 
 
-@piece(void, CABLE, LINES, boolean, LINES, family=BETWEEN)
+@kernel(void, CABLE, LINES, boolean, LINES, family=BETWEEN)
 def solve_lines(cable, push, twist, out):
     """out = solution for the right-hand side `push` with the factors of `correct`, with the rows of
     the grasps kept; both are lines.
@@ -229,7 +229,7 @@ def solve_lines(cable, push, twist, out):
             out[d, MARGIN + i] = z[PADDING + i * dim + d]
 
 
-@part
+@inline
 def negative(band, size, half):
     """Whether a pivot is negative; the factors have 1 / pivot."""
     for r in range(size):
@@ -238,7 +238,7 @@ def negative(band, size, half):
     return False
 
 
-@part
+@inline
 def set_force(cable, pseudo, guide, begun, length, twist):
     """force = f(q1) - M ((q1 - q0) / s + g g^T (q1 - qb))."""
     work, x, dim = cable.work, cable.state.x, cable.dim
@@ -257,7 +257,7 @@ def set_force(cable, pseudo, guide, begun, length, twist):
         add_product(mass, -1.0, rate[d], f[d])
 
 
-@part
+@inline
 def add_inertia(cable, pseudo, guide):
     """band += M (1 / s + g g^T)."""
     dim, n, mass, band = cable.dim, cable.n, cable.linear.mass[0], cable.work.band
@@ -273,7 +273,7 @@ def add_inertia(cable, pseudo, guide):
 # -- with twist ------------------------------------------------------------------------------------
 
 
-@part
+@inline
 def set_natural_aside(cable, aside):
     """Let the natural and plastic curvature have no part in the stiffness, or again a part."""
     if not cable.terms & CURVED:
@@ -293,7 +293,7 @@ def set_natural_aside(cable, aside):
             store_three(natural[b, j], 0, less)
 
 
-@part
+@inline
 def coupled_forces(cable, out):
     """Forces that couple the twist to the shape."""
     x = cable.state.x
@@ -303,7 +303,7 @@ def coupled_forces(cable, out):
     bishop_force(cable, x, x, out)
 
 
-@piece(void, CABLE, float64, float64, terms=BISHOP, family=BETWEEN)
+@kernel(void, CABLE, float64, float64, terms=BISHOP, family=BETWEEN)
 def couple(cable, length, spin):
     """Minus the derivatives of `coupled_forces` by all lines, as central differences: add those of
     the shape to `work.band`, set `work.twist_matrix` to that of the twist, with all its stiffness
@@ -334,7 +334,7 @@ def couple(cable, length, spin):
                         add_entry(cable, i, e, j, line, value)
 
 
-@part
+@inline
 def add_entry(cable, i, e, j, line, value):
     """Add an entry between line e of control point i and another line of control point j."""
     dim, work = cable.dim, cable.work
@@ -346,7 +346,7 @@ def add_entry(cable, i, e, j, line, value):
         work.twist_matrix[i - j, j] += value
 
 
-@piece(boolean, CABLE, terms=BISHOP, family=BETWEEN)
+@kernel(boolean, CABLE, terms=BISHOP, family=BETWEEN)
 def eliminate_twist(cable):
     """`work.rolling_band` = LU factors of the matrix of all lines; whether they exist."""
     work, directions, rows = cable.work, cable.state.direction, cable.rows
@@ -361,7 +361,7 @@ def eliminate_twist(cable):
     return eliminate(work.rolling_band, FOUR * cable.n, FOUR)
 
 
-@piece(void, CABLE, LINES, float64, terms=BISHOP, family=BETWEEN)
+@kernel(void, CABLE, LINES, float64, terms=BISHOP, family=BETWEEN)
 def turn_held(cable, begun, length):
     """Let what holds the roll turn with the Bishop frame, in the correction `work.nudge`, so that
     the twist angles there are those of `begun`. What holds the roll farther along the cable does
@@ -398,7 +398,7 @@ def turn_held(cable, begun, length):
                 nudge[d, c] += missing / share * answer[d, c]
 
 
-@part
+@inline
 def turn_of_frame(cable, k, length, out):
     """out = derivative of the angle of the Bishop frame at control point k by the shape: minus the
     force on it of a unit twisting moment up to there.

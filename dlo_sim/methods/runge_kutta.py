@@ -11,8 +11,8 @@ from __future__ import annotations
 from numba import boolean, float64, int64
 
 from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import CABLE, DAMPED, METHOD, RUNGE_KUTTA
 from dlo_sim.engine.assembly import all_forces
 from dlo_sim.engine.lines import add, copy, form, mass_of, solve_mass
@@ -31,7 +31,7 @@ from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.works import evaluate
 
 
-@part
+@inline
 def add_decay(cable, out):
     """out += - decay w of the external damping."""
     if not cable.terms & DAMPED:
@@ -42,7 +42,7 @@ def add_decay(cable, out):
             store(out, line, c, load(out, line, c) - decay[line] * load(w, line, c))
 
 
-@part
+@inline
 def add_damping_loss(cable, dt):
     """Add dt times the power of the external damping, decay w^T M w, to `balance.dissipated`."""
     if not cable.terms & DAMPED:
@@ -52,7 +52,7 @@ def add_damping_loss(cable, dt):
         cable.state.balance.dissipated += dt * cable.linear.decay[line] * power
 
 
-@part
+@inline
 def store_rates(cable, t, stage):
     """Store the rates of (x, w) at the present state, with `work.force`, as those of a stage.
 
@@ -71,7 +71,7 @@ def store_rates(cable, t, stage):
     return power
 
 
-@part
+@inline
 def add_rates(rates, weights, scale, out):
     """out += scale sum_j weights[j] (rate of stage j)."""
     for j in range(len(weights)):
@@ -80,7 +80,7 @@ def add_rates(rates, weights, scale, out):
             add(weight, rates[j], out)
 
 
-@part
+@inline
 def to_stage(cable, weights, t, tau):
     """Set the state to that of a stage at time t with weights a_ij, (s,), of the rates."""
     state, work = cable.state, cable.work
@@ -92,7 +92,7 @@ def to_stage(cable, weights, t, tau):
     move_anchors(cable, t)
 
 
-@piece(boolean, METHOD, CABLE, int64, float64, terms=RUNGE_KUTTA)
+@kernel(boolean, METHOD, CABLE, int64, float64, terms=RUNGE_KUTTA)
 def runge_kutta_step(method, cable, step, tau):
     """Step number `step`, of length tau."""
     state, work = cable.state, cable.work

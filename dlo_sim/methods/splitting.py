@@ -12,8 +12,8 @@ import numpy as np
 from numba import boolean, float64, int64
 
 from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import CABLE, DAMPED, METHOD, SPLITTING
 from dlo_sim.engine.lines import add, form, mass_of
 from dlo_sim.engine.rows import carry, grasps_move
@@ -21,7 +21,7 @@ from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.works import estimate_pending_work, evaluate, has_work
 
 
-@part
+@inline
 def decay_flow(cable, dt):
     """Exact flow of the external damping over dt: w <- exp(-decay dt) w on every line."""
     if not cable.terms & DAMPED:
@@ -38,7 +38,7 @@ def decay_flow(cable, dt):
             store(w, line, c, factor * load(w, line, c))
 
 
-@part
+@inline
 def drift(cable, t, dt):
     """Drift over dt to time t (`rows.carry`), and move the anchors of springs."""
     carry(cable, cable.state.x, cable.state.w, t, dt)
@@ -46,7 +46,7 @@ def drift(cable, t, dt):
         move_anchors(cable, t)
 
 
-@piece(boolean, METHOD, CABLE, int64, float64, terms=SPLITTING)
+@kernel(boolean, METHOD, CABLE, int64, float64, terms=SPLITTING)
 def splitting_step(method, cable, step, tau):
     """Step number `step`, of length tau. Stage times are (step + sum of c_i) tau."""
     c, d, results = method.drift, method.kick, cable.work.results

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numba import boolean, float64, void
 
-from dlo_sim.compiling.pieces import NO, YES, part, piece
+from dlo_sim.compiling.kernels import NO, YES, inline, kernel
 from dlo_sim.engine.arrays import (
     BISHOP,
     CABLE,
@@ -45,7 +45,7 @@ SETTLED, SHRUNK = 1e-4, 0.1
 MOST_ROLLING, ROLLED, OVERSHOT, LEAST_SHARE = 40, 1e-9, 0.5, 0.4
 
 
-@part
+@inline
 def damping_share(cable, tau):
     """Internal damping of the twist, beta / tau [-]. Without inertia, additional damping of half a
     step turns the midpoint moment into that at the end of the step, where the twist is in
@@ -57,7 +57,7 @@ def damping_share(cable, tau):
     return share
 
 
-@part
+@inline
 def make_matrix(cable, begin, end, tau, beta):
     """`work.twist_matrix` = the matrix 2 / tau^2 M + (1/2 + beta) K + C / tau with the stiffness of
     roll springs, natural curvature and rolling, `beta` per step; entry (i + k, i) is at [k, i].
@@ -76,7 +76,7 @@ def make_matrix(cable, begin, end, tau, beta):
     add_rolling_stiffness(cable, cable.work.change, matrix)
 
 
-@part
+@inline
 def factorize(cable):
     """LDL^T factors of `work.twist_matrix` in place: 1 / D replaces diagonal 0, and rows 4, 5, 6
     get the three diagonals of L below the main one. The inverse pivots of prescribed unknowns are
@@ -97,7 +97,7 @@ def factorize(cable):
         before1, last1, last2 = last1, l1, l2
 
 
-@part
+@inline
 def solve(cable, matrix, x):
     """Forward and back substitution in place on a line, with the factors of `factorize`;
     prescribed unknowns become 0.
@@ -114,7 +114,7 @@ def solve(cable, matrix, x):
         c, b, a = b + matrix[4, i] * d, a + matrix[5, i] * d, matrix[6, i] * d
 
 
-@part
+@inline
 def shorten(cable, x, tau, share):
     """Leave this share of the last correction in the twist line of x and `change`."""
     work, line = cable.work, cable.dim
@@ -129,7 +129,7 @@ def shorten(cable, x, tau, share):
         add_product(cable.linear.damping[1], -1.0 / tau, latest, work.twist_own[line])
 
 
-@part
+@inline
 def correct_twist(cable, begin, end, x, tau, beta, spins, make, before):
     """One Newton correction of the twist line of x and `change`, d, for the residual
         f - K (theta0 + (1/2 + beta) d) - M (2 / tau^2 d - 2 / tau v0),
@@ -205,7 +205,7 @@ def correct_twist(cable, begin, end, x, tau, beta, spins, make, before):
     return moved, slope
 
 
-@piece(float64, CABLE, LINES, LINES, float64, boolean, terms=BISHOP, family=IMPLICIT)
+@kernel(float64, CABLE, LINES, LINES, float64, boolean, terms=BISHOP, family=IMPLICIT)
 def solve_twist(cable, begin, end, tau, anew):
     """Solve for the twist line at the end of the step from t0.
 
@@ -269,7 +269,7 @@ def solve_twist(cable, begin, end, tau, anew):
     return lost
 
 
-@piece(float64, CABLE, float64, boolean, boolean, terms=BISHOP, family=IMPLICIT)
+@kernel(float64, CABLE, float64, boolean, boolean, terms=BISHOP, family=IMPLICIT)
 def step_twist(cable, tau, discrete, anew):
     """`solve_twist` in the Bishop frame of the present iterate of the shape, then add the forces of
     the twist on the centreline to `force`. Returns the energy dissipated [J].
@@ -286,7 +286,7 @@ def step_twist(cable, tau, discrete, anew):
     return lost
 
 
-@piece(void, CABLE, float64, boolean, terms=ROLLING)
+@kernel(void, CABLE, float64, boolean, terms=ROLLING)
 def twist_matrix(cable, tau, discrete):
     """`make_matrix` at the present iterate of the shape, without factors."""
     x, middle = cable.state.x, cable.work.middle
@@ -294,7 +294,7 @@ def twist_matrix(cable, tau, discrete):
     make_matrix(cable, begin, end, tau, damping_share(cable, tau))
 
 
-@piece(void, CABLE, float64, terms=BISHOP, family=IMPLICIT)
+@kernel(void, CABLE, float64, terms=BISHOP, family=IMPLICIT)
 def end_twist(cable, tau):
     """Set `row_force` of the rows that prescribe the twist to their reactions, from the momentum
     balance.

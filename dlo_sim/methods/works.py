@@ -7,8 +7,8 @@ from __future__ import annotations
 from numba import float64, types, void
 
 from dlo_sim.compiling.groups import load
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES, lane_sum, zero
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.account import measure, with_potentials
 from dlo_sim.engine.arrays import CABLE
 from dlo_sim.engine.assembly import all_forces
@@ -20,13 +20,13 @@ from dlo_sim.engine.springs import accept_anchors, anchor_work
 NATURAL = types.Array(float64, 4, "C")  # values for `state.natural` that Python passes
 
 
-@part
+@inline
 def has_work(cable):
     """Whether loads or moving grasps do work on the cable."""
     return cable.loads.count > 0 or grasps_move(cable)
 
 
-@part
+@inline
 def force_work(force, x, before):
     """force . (x - before) over all lines [J]."""
     sum_ = zero()
@@ -36,7 +36,7 @@ def force_work(force, x, before):
     return lane_sum(sum_)
 
 
-@piece(void, CABLE, float64)
+@kernel(void, CABLE, float64)
 def evaluate(cable, t):
     """Compute `work.force` = P M^-1 f at the present configuration, and add the work up to it to
     the energy balance.
@@ -74,7 +74,7 @@ def evaluate(cable, t):
         balance.pending = 0.0
 
 
-@part
+@inline
 def estimate_pending_work(cable):
     """Set `balance.pending` to the work since the last evaluation, with the forces of that
     evaluation: for steps that end in a drift.
@@ -89,7 +89,7 @@ def estimate_pending_work(cable):
         state.balance.pending = done
 
 
-@part
+@inline
 def turn_natural_shape(cable, rows, turn):
     """Set `state.natural` to `rows` (blocks, samples, 4, LANES), with each curvature vector rotated
     by the 3 x 3 matrix `turn` (9,); the change of energy is work of the grasps.

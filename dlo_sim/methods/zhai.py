@@ -19,8 +19,8 @@ from __future__ import annotations
 from numba import boolean, float64, int64
 
 from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES
-from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import CABLE, METHOD, ZHAI
 from dlo_sim.engine.lines import add
 from dlo_sim.engine.rows import carry, grasps_move, project
@@ -29,14 +29,14 @@ from dlo_sim.methods.runge_kutta import add_damping_loss, add_decay
 from dlo_sim.methods.works import evaluate
 
 
-@part
+@inline
 def accelerate(cable, t):
     """`work.force` = P M^-1 f - decay w; adds the work to the energy balance."""
     evaluate(cable, t)
     add_decay(cable, cable.work.force)
 
 
-@piece(boolean, METHOD, CABLE, int64, float64, terms=ZHAI)
+@kernel(boolean, METHOD, CABLE, int64, float64, terms=ZHAI)
 def zhai_step(method, cable, step, tau):
     """Step number `step`, of length tau; the acceleration at its start becomes the previous one."""
     state, work, results = cable.state, cable.work, cable.work.results

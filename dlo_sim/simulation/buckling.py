@@ -32,7 +32,7 @@ import numpy as np
 from numba import boolean, float64, int64
 from numpy.typing import NDArray
 
-from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, STRIDED, part, piece
+from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, STRIDED, inline, kernel
 from dlo_sim.core import bspline, elimination, mass
 from dlo_sim.engine.arrays import ANY_STRETCH, BISHOP
 from dlo_sim.scene.description import Scene
@@ -111,7 +111,7 @@ def plane_warning(cable: Cable, scene: Scene) -> str:
     )
 
 
-@part
+@inline
 def extending(x: Array, lines: int, least: float, found: Array) -> int:
     """Number of orthonormal directions in which five control points extend by more than `least`
     [m], and these into the rows of `found`; x: lines of control points.
@@ -143,13 +143,13 @@ def extending(x: Array, lines: int, least: float, found: Array) -> int:
     return lines
 
 
-@piece(int64, STRIDED, int64, float64, ARRAY_2D)
+@kernel(int64, STRIDED, int64, float64, ARRAY_2D)
 def extent(x: Array, lines: int, least: float, found: Array) -> int:
     """`extending`."""
     return extending(x, lines, least, found)
 
 
-@piece(int64, STRIDED, int64, float64, ARRAY, boolean, ARRAY_2D)
+@kernel(int64, STRIDED, int64, float64, ARRAY, boolean, ARRAY_2D)
 def lies_in(x: Array, lines: int, least: float, knots: Array, pressed: bool, free: Array) -> int:
     """1 if all control points lie on a line, somewhere compressed, 2 if in a plane, to `least` [m],
     and the projection onto the directions across it into `free`, else 0. `pressed`: that it is

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.compiling.groups import aligned_zeros, numbers_of
-from dlo_sim.compiling.pieces import Piece
+from dlo_sim.compiling.kernels import Kernel
 from dlo_sim.core import bspline
 from dlo_sim.engine import contact, self_contact, sliding
 from dlo_sim.engine.arrays import (
@@ -190,7 +190,7 @@ class Cable:
         self._allocate(model)
         self.inputs[:], self.state[:] = inputs, state
 
-    def call(self, entry: Piece, *arguments: Any) -> Any:
+    def call(self, entry: Kernel, *arguments: Any) -> Any:
         """Call compiled code on this cable; `entry` takes its address, then the arguments."""
         return entry.code(self.terms)(self.address, *arguments)
 

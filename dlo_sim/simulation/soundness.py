@@ -23,7 +23,7 @@ import numpy as np
 from numba import boolean, float64, int64
 from numpy.typing import NDArray
 
-from dlo_sim.compiling.pieces import ARRAY_3D, part, piece
+from dlo_sim.compiling.kernels import ARRAY_3D, inline, kernel
 from dlo_sim.core import bspline
 from dlo_sim.core.bspline import ACTIVE
 from dlo_sim.engine.arrays import ANY_STRETCH, MARGIN, SPAN_STRETCH, cable_at
@@ -92,7 +92,7 @@ def leaves_clamp_backwards(points: Array, ends: EndDrive, time: float = 0.0) -> 
     return ""
 
 
-@piece(boolean, int64, float64, int64, ARRAY_3D, ARRAY_3D, ARRAY_3D, boolean)
+@kernel(boolean, int64, float64, int64, ARRAY_3D, ARRAY_3D, ARRAY_3D, boolean)
 def is_sound(
     address: int,
     t: float,
@@ -124,7 +124,7 @@ def is_sound(
     return abs(length - explained) <= BOUND
 
 
-@piece((float64, float64, float64, float64), ARRAY_3D, ARRAY_3D, ARRAY_3D, boolean)
+@kernel((float64, float64, float64, float64), ARRAY_3D, ARRAY_3D, ARRAY_3D, boolean)
 def worst_stretch(
     shapes: Array, slopes: Array, projection: Array, by_span: bool
 ) -> tuple[float, float, float, float]:
@@ -132,7 +132,7 @@ def worst_stretch(
     return stretched_most(shapes, slopes, projection, by_span)
 
 
-@part
+@inline
 def stretched_most(
     shapes: Array, slopes: Array, projection: Array, by_span: bool
 ) -> tuple[float, float, float, float]:

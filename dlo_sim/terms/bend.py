@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dlo_sim.compiling.pieces import part
+from dlo_sim.compiling.kernels import inline
 
 
-@part
+@inline
 def energy(stiffness, t, k, c):
     """EI/2 |t x k|^2 / c^3; in terms of h and d it would cancel for a straight cable."""
     b0 = t[1] * k[2] - t[2] * k[1]
@@ -14,7 +14,7 @@ def energy(stiffness, t, k, c):
     return 0.5 * stiffness * (b0 * b0 + b1 * b1 + b2 * b2) / (c * c * c)
 
 
-@part
+@inline
 def gradient(stiffness, d, h, inverse):
     """d/dc, half of d/dd, d/dh; `inverse` is 1/c."""
     f = 0.5 * stiffness * inverse * inverse
@@ -22,7 +22,7 @@ def gradient(stiffness, d, h, inverse):
     return f * inverse * (3.0 * d * q - 2.0 * h), -f * q, f
 
 
-@part
+@inline
 def discrete_gradient(stiffness, c0, d0, h0, c1, d1, h1):
     """Divided differences in c, d, h: the product rule with symmetric means."""
     half = 0.5 * stiffness
@@ -39,7 +39,7 @@ def discrete_gradient(stiffness, c0, d0, h0, c1, d1, h1):
     )
 
 
-@part
+@inline
 def discrete_jacobian(stiffness, c0, d0, h0, c1, d1, h1):
     """Derivatives of the divided differences (c, d, h) by (c1, d1, h1): cc, cd, ch, dc, dd, hc.
 

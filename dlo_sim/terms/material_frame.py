@@ -8,12 +8,12 @@ the rotation R by phi about T, then the smallest rotation P from T to T'.
 
 from __future__ import annotations
 
+from dlo_sim.compiling.kernels import inline
 from dlo_sim.compiling.lanes import sqrt
-from dlo_sim.compiling.pieces import part
 from dlo_sim.terms.vectors import combined, cross, dot
 
 
-@part
+@inline
 def sine_share(z):
     """sin(phi) / phi by its series in z = phi^2: error 1e-12 up to phi = 1, 1e-4 up to 3; not valid
     for larger rotations in one step.
@@ -26,7 +26,7 @@ def sine_share(z):
     return 1.0 - z * (1.0 / 6.0) * f
 
 
-@part
+@inline
 def cosine(z):
     """cos(phi) by its series in z = phi^2, likewise."""
     f = 1.0 - z * (1.0 / 182.0)
@@ -38,26 +38,26 @@ def cosine(z):
     return 1.0 - z * 0.5 * f
 
 
-@part
+@inline
 def unit(t):
     """t / |t|."""
     return combined(1.0 / sqrt(dot(t, t)), t, 0.0, t)
 
 
-@part
+@inline
 def turned(n, t, angle):
     """R(angle) n, the rotation about the unit vector t; n is normal to t."""
     z = angle * angle
     return combined(cosine(z), n, angle * sine_share(z), cross(t, n))
 
 
-@part
+@inline
 def transported(a, before, t):
     """P a, by the smallest rotation from the unit tangent `before` to t."""
     return combined(1.0, a, -dot(t, a) / (1.0 + dot(before, t)), combined(1.0, before, 1.0, t))
 
 
-@part
+@inline
 def discrete_gradient(n, before, angle0, angle1, t0, t1, b):
     """The vector at two shapes, n0 and n1, and the divided differences G and g of
         b.(n1 - n0) = G.(t1 - t0) + g (angle1 - angle0),   b = mean of t x k,

@@ -4,32 +4,32 @@ what a strain has left to its bound (`engine.span_guard`).
 
 from __future__ import annotations
 
+from dlo_sim.compiling.kernels import inline
 from dlo_sim.compiling.lanes import fabs
-from dlo_sim.compiling.pieces import part
 
 TINY = 1e-300  # avoids 0/0 for two gaps of zero
 
 
-@part
+@inline
 def depth(g):
     """min(g, 0)."""
     return 0.5 * (g - fabs(g))
 
 
-@part
+@inline
 def energy(stiffness, g):
     """k/2 min(g, 0)^2."""
     d = depth(g)
     return 0.5 * stiffness * d * d
 
 
-@part
+@inline
 def share_inside(g0, g1):
     """Share of the interval from g0 to g1 that is negative."""
     return fabs(depth(g0) + depth(g1)) / (fabs(g0) + fabs(g1) + TINY)
 
 
-@part
+@inline
 def discrete_gradient(stiffness, g0, g1):
     """Divided difference of the energy: k times the mean depth times `share_inside`, without
     cancellation; for g0 = g1 the derivative.
@@ -37,7 +37,7 @@ def discrete_gradient(stiffness, g0, g1):
     return 0.5 * stiffness * (depth(g0) + depth(g1)) * share_inside(g0, g1)
 
 
-@part
+@inline
 def discrete_jacobian(stiffness, g0, g1):
     """d/dg1 of `discrete_gradient`."""
     share, sign = share_inside(g0, g1), g1 / (fabs(g1) + TINY)

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from dlo_sim.compiling.pieces import part
+from dlo_sim.compiling.kernels import inline
 
 
-@part
+@inline
 def dot(a, b):
     """a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@part
+@inline
 def cross(a, b):
     """a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@part
+@inline
 def combined(f, a, g, b):
     """f a + g b."""
     return f * a[0] + g * b[0], f * a[1] + g * b[1], f * a[2] + g * b[2]

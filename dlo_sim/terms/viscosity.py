@@ -10,12 +10,12 @@ rho = (P (dk - q dt) - 2 n (t.dt)) / c.
 
 from __future__ import annotations
 
+from dlo_sim.compiling.kernels import inline
 from dlo_sim.compiling.lanes import sqrt
-from dlo_sim.compiling.pieces import part
 from dlo_sim.terms.vectors import combined, dot
 
 
-@part
+@inline
 def curvature_of(t, k):
     """q, the curvature vector n, and 1 / c."""
     inverse = 1.0 / dot(t, t)
@@ -23,7 +23,7 @@ def curvature_of(t, k):
     return q, combined(inverse, k, -q * inverse, t), inverse
 
 
-@part
+@inline
 def corotational(q, n, inverse, t, moved_t, moved_k):
     """rho of the motion (moved_t, moved_k)."""
     a = combined(1.0, moved_k, -q, moved_t)
@@ -31,7 +31,7 @@ def corotational(q, n, inverse, t, moved_t, moved_k):
     return combined(inverse, rho, -2.0 * dot(t, moved_t) * inverse, n)
 
 
-@part
+@inline
 def bending(stiffness, thinning, t, k, moved_t, moved_k):
     """Viscous stress for a motion: that on r'; g and rho, of which g rho is that on r''; and the
     energy dissipated. `stiffness`: beta EI / tau; `thinning`: (lambda / tau)^2.
@@ -44,7 +44,7 @@ def bending(stiffness, thinning, t, k, moved_t, moved_k):
     return combined(-2.0 * g * dot(n, rho), t, -g * q, rho), g, rho, stiffness * square
 
 
-@part
+@inline
 def thinned(stiffness, thinning, q, n, inverse, t, moved_t, moved_k):
     """Thinned beta EI / tau at the rate of a motion, and vectors on r' and r''. The derivative of
     the stress by the motion is `tangent_blocks` at this stiffness minus the dyad of these vectors.
@@ -56,7 +56,7 @@ def thinned(stiffness, thinning, q, n, inverse, t, moved_t, moved_k):
     return stiffness, combined(-2.0 * f * dot(n, rho), t, -f * q, rho), combined(f, rho, 0.0, rho)
 
 
-@part
+@inline
 def tangent_blocks(g, q, n_i, n_j, t_i, t_j, unit, inverse):
     """Entry (i, j) of the derivatives of the viscous stress by the motion: tt, tk, kt, kk.
 

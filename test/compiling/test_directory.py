@@ -18,7 +18,7 @@ import pytest
 from numba import float64
 
 from dlo_sim.compiling import directory
-from dlo_sim.compiling.pieces import Piece, piece
+from dlo_sim.compiling.kernels import Kernel, kernel
 from dlo_sim.doctor.findings import installation
 from test.disks import mounted
 
@@ -33,9 +33,9 @@ def add_two(x: float) -> float:
     return x + 2.0
 
 
-def fresh() -> Piece:
+def fresh() -> Kernel:
     """`add_one` as a new process would have it."""
-    return piece(float64, float64)(add_one)
+    return kernel(float64, float64)(add_one)
 
 
 @pytest.fixture
@@ -56,10 +56,10 @@ def said(
     return lines
 
 
-def test_pieces_that_share_the_directory_of_numba_are_kept_apart(said, tmp_path: Path) -> None:
+def test_kernels_that_share_the_directory_of_numba_are_kept_apart(said, tmp_path: Path) -> None:
     with directory.many_kept():
         for function in (add_one, add_two):
-            assert piece(float64, float64)(function)(1.0) == function(1.0)
+            assert kernel(float64, float64)(function)(1.0) == function(1.0)
     kept = tmp_path / "dlo_sim" / directory.digest()
     one, two = (directory._read(kept / f"{__name__}.{name}") for name in ("add_one", "add_two"))
     assert one and two and not one.keys() & two.keys()
@@ -154,7 +154,7 @@ def test_a_directory_that_can_only_be_read_is_read(
     monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
     assert fresh()(1.0) == 2.0
     assert said() == []
-    assert piece(float64, float64)(add_two)(1.0) == 3.0, "what is missing is compiled"
+    assert kernel(float64, float64)(add_two)(1.0) == 3.0, "what is missing is compiled"
     (line,) = said()
     assert "at every start" in line and "DLO_SIM_CACHE" in line
 
@@ -198,7 +198,7 @@ def test_temporary_files_without_room_are_not_needed(
         assert [path.name for path in kept.iterdir()] == [NAME], "no private directory is left"
         with mounted(kept, 4096):
             kept.chmod(0o755)
-            assert piece(float64, float64)(add_two)(1.0) == 3.0
+            assert kernel(float64, float64)(add_two)(1.0) == 3.0
             assert any("at every start" in line and "No space left" in line for line in said())
 
 

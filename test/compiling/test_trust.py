@@ -13,7 +13,7 @@ import pytest
 from numba import float64
 
 from dlo_sim.compiling import directory
-from dlo_sim.compiling.pieces import piece
+from dlo_sim.compiling.kernels import kernel
 
 ANOTHER = 12345  # a user and a group without a name
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files to other users")
@@ -35,7 +35,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture
 def kept(home: Path) -> Path:
     """The file with the machine code of `add_one`, as it was left there."""
-    assert piece(float64, float64)(add_one)(1.0) == 2.0
+    assert kernel(float64, float64)(add_one)(1.0) == 2.0
     path = home / "dlo_sim" / directory.digest() / f"{__name__}.add_one"
     assert is_loaded()
     return path
@@ -43,7 +43,7 @@ def kept(home: Path) -> Path:
 
 def is_loaded() -> bool:
     """Whether a new process would take the machine code from disk."""
-    function = piece(float64, float64)(add_one)
+    function = kernel(float64, float64)(add_one)
     assert function(1.0) == 2.0
     return sum(function.code().stats.cache_hits.values()) == 1
 
@@ -119,7 +119,7 @@ def test_what_another_user_can_have_planted_is_not_run(
     caplog.clear()
     directory._said.clear()
     for _ in range(2):
-        assert piece(float64, float64)(add_one)(1.0) == 2.0
+        assert kernel(float64, float64)(add_one)(1.0) == 2.0
     assert not (tmp_path / "sprung").exists()
     (line,) = caplog.messages
     if place == kept:  # the directory is good: the file is replaced

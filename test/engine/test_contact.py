@@ -7,7 +7,7 @@ from cables import FREE, SOFT, Bench
 from numba import float64, int64, void
 
 from dlo_sim.compiling.groups import grid, load, store
-from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, piece
+from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, kernel
 from dlo_sim.core import bspline, spectrum
 from dlo_sim.engine import contact, shapes
 from dlo_sim.engine.arrays import CONTACT, TOUCHING, cable_at
@@ -34,7 +34,7 @@ ENTRIES = (0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)  # of `bend` in `shapes
 LYING = [0.0, 0.6, 0.0, 0.8]  # its z axis is almost along x
 
 
-@piece((float64, float64), int64, ARRAY_2D, ARRAY_2D, ARRAY_2D, terms=CONTACT)
+@kernel((float64, float64), int64, ARRAY_2D, ARRAY_2D, ARRAY_2D, terms=CONTACT)
 def step_force(address, x0, x1, out):
     cable = cable_at(address)
     contact.begin(cable, 0.0, TAU, 1.0, grid(x0))
@@ -42,14 +42,14 @@ def step_force(address, x0, x1, out):
     return cable.work.results.contact_work, cable.work.results.contact_loss
 
 
-@piece(void, int64, terms=CONTACT)
+@kernel(void, int64, terms=CONTACT)
 def step_tangent(address):
     cable = cable_at(address)
     clear_band(cable.work.band)
     contact.add_tangent(cable, True, 1.0, cable.work.band)
 
 
-@piece(void, int64, ARRAY, terms=CONTACT)
+@kernel(void, int64, ARRAY, terms=CONTACT)
 def end_step(address, out):
     cable = cable_at(address)
     contact.commit(cable, TAU)
@@ -159,7 +159,7 @@ def test_what_touches_is_told_sample_by_sample():
     assert len(set(numbers)) == 3
 
 
-@piece(void, int64, ARRAY_2D, ARRAY_2D, terms=CONTACT)
+@kernel(void, int64, ARRAY_2D, ARRAY_2D, terms=CONTACT)
 def distances(address, points, out):
     y, to = grid(points), grid(out)
     cable, place = cable_at(address), (load(y, 0, 0), load(y, 1, 0), load(y, 2, 0))

@@ -8,7 +8,7 @@ from differences import assert_limit, central
 from numba import float64, int64, void
 
 from dlo_sim.compiling.groups import grid
-from dlo_sim.compiling.pieces import ARRAY_2D, piece
+from dlo_sim.compiling.kernels import ARRAY_2D, kernel
 from dlo_sim.core import spectrum
 from dlo_sim.engine.arrays import BETWEEN, CURVED, SPAN_STRETCH, cable_at
 from dlo_sim.engine.assembly import discrete_gradient, discrete_jacobian
@@ -21,13 +21,13 @@ STRAIGHT_AT_REST = {"cable.rest_curvature": [1e-12]}
 BETA_OVER_TAU = 0.4
 
 
-@piece(float64, int64, ARRAY_2D, ARRAY_2D, ARRAY_2D, float64, ARRAY_2D, family=BETWEEN)
+@kernel(float64, int64, ARRAY_2D, ARRAY_2D, ARRAY_2D, float64, ARRAY_2D, family=BETWEEN)
 def forces_between(address, x0, x1, moved, viscous, out):
     ends = grid(x0), grid(x1), grid(moved)
     return discrete_gradient(cable_at(address), *ends, viscous, grid(out))
 
 
-@piece(void, int64, ARRAY_2D, ARRAY_2D, float64, family=BETWEEN)
+@kernel(void, int64, ARRAY_2D, ARRAY_2D, float64, family=BETWEEN)
 def tangent_between(address, x0, x1, viscous):
     cable = cable_at(address)
     clear_band(cable.work.band)

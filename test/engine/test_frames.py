@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numba import void
 
-from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, STRIDED, STRIDED_WHOLES, piece
+from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, STRIDED, STRIDED_WHOLES, kernel
 from dlo_sim.core import rotations
 from dlo_sim.engine.frames import transport
 
 
-@piece(void, ARRAY_2D, STRIDED_WHOLES, STRIDED, STRIDED, ARRAY, ARRAY_2D)
+@kernel(void, ARRAY_2D, STRIDED_WHOLES, STRIDED, STRIDED, ARRAY, ARRAY_2D)
 def transported(points, columns, values, slopes, reference, out):
     transport(points, columns, values, slopes, reference, out)
 

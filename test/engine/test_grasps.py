@@ -6,7 +6,7 @@ from cables import BENT, Bench, rotation, straight
 from numba import float64, void
 
 from dlo_sim.compiling.groups import grid
-from dlo_sim.compiling.pieces import ARRAY, piece
+from dlo_sim.compiling.kernels import ARRAY, kernel
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import grasps
@@ -25,7 +25,7 @@ BOTH = BENT | {
 }
 
 
-@piece(void, ARRAY, float64, ARRAY)
+@kernel(void, ARRAY, float64, ARRAY)
 def turn(m, t, v):
     v[0], v[1], v[2] = grasps.turned(grid(m), t, v[0], v[1], v[2])
 

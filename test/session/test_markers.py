@@ -10,7 +10,7 @@ import pytest
 from marker_arrays import array, marker
 from session_bench import MS, SECOND, T0
 
-from dlo_sim.compiling.pieces import Piece
+from dlo_sim.compiling.kernels import Kernel
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import cdr, markers
@@ -299,7 +299,7 @@ def test_no_tick_loads_code_when_the_first_one_comes(monkeypatch):
         session = session_of(**{"accuracy.estimate": estimate})
         run(session, [], 0.1)
         with monkeypatch.context() as patched:
-            patched.setattr(Piece, "_compiled", lambda piece, *_, **__: pytest.fail(piece.name))
+            patched.setattr(Kernel, "_compiled", lambda piece, *_, **__: pytest.fail(piece.name))
             mesh = plate(1, (0.0, 0.5, -0.03), (1e-3,) * 3, cdr.TRIANGLE_LIST, points=CORNERS)
             messages = [(0.1, plate()), (0.2, mesh), (0.3, plate(position=(0.01, 0.0, -0.03)))]
             run(session, [*messages, (0.5, plate(action=cdr.DELETE_ALL))], 0.7, begin=0.1)

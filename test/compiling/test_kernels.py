@@ -10,33 +10,33 @@ import pytest
 from numba import cfunc, config, float64, int64
 
 from dlo_sim.compiling.groups import Group, Reals, grid, group_at
-from dlo_sim.compiling.pieces import ARRAY, part, piece
+from dlo_sim.compiling.kernels import ARRAY, inline, kernel
 
 
 class Numbers(Group):
     x = Reals("n")
 
 
-@piece(float64, Numbers.kind, float64)
+@kernel(float64, Numbers.kind, float64)
 def first_plus(numbers, value):
     """x[0] + value."""
     return numbers.x[0] + value
 
 
-@piece((float64, int64), Numbers.kind, terms=4)
+@kernel((float64, int64), Numbers.kind, terms=4)
 def last_and_count(numbers):
     """Last entry, and how many there are."""
     return numbers.x[len(numbers.x) - 1], len(numbers.x)
 
 
-@part
+@inline
 def halved(numbers, value):
     return 0.5 * first_plus(numbers, value)
 
 
-@piece(float64, int64, int64)
+@kernel(float64, int64, int64)
 def entry(address, more):
-    """Calls the first directly and through a part, the second if asked."""
+    """Calls the first directly and through an inline function, the second if asked."""
     numbers = numbers_at(address)
     sum_ = halved(numbers, 3) + first_plus(numbers, 1.0)
     if more:
@@ -45,7 +45,7 @@ def entry(address, more):
     return sum_
 
 
-@piece(float64, ARRAY, int64)
+@kernel(float64, ARRAY, int64)
 def sum_of(values, count):
     """Sum of the first entries."""
     whole, sum_ = grid(values), 0.0
@@ -76,20 +76,20 @@ def numbers():
     return made
 
 
-def test_a_piece_calls_others_itself_and_through_parts(numbers):
+def test_a_kernel_calls_others_itself_and_through_inline_functions(numbers):
     assert entry(numbers.address, 0) == 0.5 * 4.0 + 2.0
     numbers.x[0] = 11.0
     assert entry(numbers.address, 0) == 0.5 * 14.0 + 12.0
 
 
-def test_a_piece_of_a_term_is_loaded_with_the_term(numbers):
+def test_a_kernel_of_a_term_is_loaded_with_the_term(numbers):
     assert entry.code(4)(numbers.address, 1) == 4.0 + 20.0
 
 
 @pytest.mark.skipif("NUMBA_DISABLE_JIT" in os.environ, reason="asks for machine code")
 def test_without_the_term_it_is_not():
     done = run(
-        "from test_pieces import Numbers, entry, first_plus, last_and_count\n"
+        "from test_kernels import Numbers, entry, first_plus, last_and_count\n"
         "entry.code(3)\n"
         "print(first_plus._native is not None, last_and_count._native is not None)\n"
         "entry.code(4)\n"
@@ -102,7 +102,7 @@ def test_without_the_term_it_is_not():
 @pytest.mark.skipif("NUMBA_DISABLE_JIT" in os.environ, reason="asks for machine code")
 def test_a_call_of_what_is_not_loaded_ends_with_its_reason():
     done = run(
-        "from test_pieces import Numbers, entry\n"
+        "from test_kernels import Numbers, entry\n"
         "entry.code(3)(Numbers({'n': 4}).address, 1)\n"
         "print('went on')\n"
     )
@@ -118,7 +118,7 @@ def test_a_copy_in_another_process_is_the_same_piece():
 def test_every_index_is_checked_on_demand():
     done = run(
         "import numpy as np\n"
-        "from test_pieces import sum_of\n"
+        "from test_kernels import sum_of\n"
         "print(sum_of(np.ones(3), 3))\n"
         "sum_of(np.ones(3), 4)\n",
         DLO_SIM_CHECK="1",
@@ -128,7 +128,7 @@ def test_every_index_is_checked_on_demand():
     assert np.isfinite(sum_of(np.ones(3), 3))
 
 
-@part
+@inline
 def _long(x, n):
     """Too long to be inlined unasked where it is called several times."""
     a = b = c = d = x
@@ -142,7 +142,7 @@ def _long(x, n):
 
 
 @pytest.mark.skipif(config.DISABLE_JIT, reason="nothing is compiled")
-def test_a_piece_contains_no_functions_of_its_parts():
+def test_a_kernel_contains_no_functions_of_its_parts():
     """Pieces that had a copy each would share the one that is loaded first, in any order."""
 
     def several(x, n):

@@ -1,9 +1,9 @@
 """Compilation to machine code, once per installation and independent of the scene.
 
-A `part` is compiled into the functions that call it, and not by itself.
-A `Piece` is a function of a fixed signature with machine code of its own, compiled once and cached
+A function with `inline` is compiled into the functions that call it, and not by itself.
+A `Kernel` is a function of a fixed signature with machine code of its own, compiled once and cached
 on disk. If its arguments contain groups or grids, compiled functions call it, by its address, so
-that its code is not compiled again into each of them; else Python calls it. A piece of a term is
+that its code is not compiled again into each of them; else Python calls it. A kernel of a term is
 loaded only for scenes with that term, and a call on arrays without it does nothing.
 
 Settings: error_model numpy (a division by zero gives inf, which the divergence checks detect, not
@@ -62,7 +62,7 @@ class _Inlined(JITCodeLibrary):
         self._finalized = True
 
 
-class _PartCompiler(CompilerBase):
+class _InlineCompiler(CompilerBase):
     """Numba's compiler, with such a library."""
 
     def define_pipelines(self) -> list[Any]:
@@ -73,26 +73,26 @@ class _PartCompiler(CompilerBase):
         return [DefaultPassBuilder.define_nopython_pipeline(state)]
 
 
-# A part that is not inlined would be a function of every piece that calls it,
+# An inline function that is not inlined would be a function of every kernel that calls it,
 # optimised apart in each; which of them runs would depend on the order of loading, and so would the
 # bits. Nobody calls its wrappers for Python.
-_PART: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-part: Callable[[F], F] = njit(**_PART, forceinline=True, pipeline_class=_PartCompiler)
+_INLINE: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+inline: Callable[[F], F] = njit(**_INLINE, forceinline=True, pipeline_class=_InlineCompiler)
 
 
 @ctypes.CFUNCTYPE(None)
 def _not_loaded() -> None:
-    """What is called in place of a piece that was not loaded."""
+    """What is called in place of a kernel that was not loaded."""
     os.write(2, b"dlo_sim: a compiled function was called that is not loaded for its terms\n")
     os.abort()
 
 
 _NOT_LOADED_AT = ctypes.cast(_not_loaded, ctypes.c_void_p).value
-_called: list[Piece] = []  # those that compiled functions call
+_called: list[Kernel] = []  # those that compiled functions call
 _loaded: set[tuple[int, int]] = set()  # terms, and how many there were
 
 
-class Piece:
+class Kernel:
     """A compiled function of a fixed signature.
 
     Attributes:
@@ -123,7 +123,7 @@ class Piece:
         return f"{self.function.__module__}.{self.function.__qualname__}"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by name: a copy in another process is the piece of that name there."""
+        """Pickle by name: a copy in another process is the kernel of that name there."""
         return _named, (self.function.__module__, self.function.__qualname__)
 
     def code(self, terms: int = 0) -> Callable[..., Any]:
@@ -188,14 +188,14 @@ def _collector_waits() -> Iterator[None]:
             gc.enable()
 
 
-def piece(
+def kernel(
     result: Any, *arguments: Any, terms: int = 0, family: int = 0
-) -> Callable[[Callable[..., Any]], Piece]:
-    """Decorator: make a function a piece of this signature, which scenes with `terms` and methods
+) -> Callable[[Callable[..., Any]], Kernel]:
+    """Decorator: make a function a kernel of this signature, which scenes with `terms` and methods
     of a `family` need.
     """
     found = types.Tuple(result) if isinstance(result, tuple) else result
-    return lambda function: Piece(function, found(*arguments), terms, family)
+    return lambda function: Kernel(function, found(*arguments), terms, family)
 
 
 def _named(module: str, name: str) -> Any:
@@ -204,7 +204,7 @@ def _named(module: str, name: str) -> Any:
 
 if config.DISABLE_JIT:
 
-    def _make_callable(called: Piece, signature: Any, cell: int) -> None:
+    def _make_callable(called: Kernel, signature: Any, cell: int) -> None:
         """Pieces are called as Python functions."""
 
 else:
@@ -214,10 +214,10 @@ else:
 
     from dlo_sim.compiling.groups import read_field
 
-    def _make_callable(called: Piece, signature: Any, cell: int) -> None:
-        """Let compiled code call a piece: at the address that the memory at `cell` contains.
+    def _make_callable(called: Kernel, signature: Any, cell: int) -> None:
+        """Let compiled code call a kernel: at the address that the memory at `cell` contains.
 
-        The code, which outlives the process on disk, finds the cell by the name of the piece.
+        The code, which outlives the process on disk, finds the cell by the name of the kernel.
         """
         binding.add_symbol(called.name, cell)
 
