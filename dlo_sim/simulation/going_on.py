@@ -11,6 +11,7 @@ import numpy as np
 from dlo_sim.engine.grasps import ACTIVE
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.simulation import obstacles
+from dlo_sim.simulation.buckling import look_due, release
 from dlo_sim.simulation.geometry import moved
 from dlo_sim.simulation.meshes import as_text
 from dlo_sim.simulation.reaction import reaction
@@ -87,9 +88,14 @@ def _take_over_grasps(sim: Running, other: Running) -> list[str]:
 
 
 def load_ahead(sim: Running) -> None:
-    """Load the code of what may come, which no step or tick must have to compile: reading the
-    state, and a grasp that takes or releases the cable.
+    """Load the code of what may come, which no step or tick must have to compile: a look at whether
+    the cable falls over, reading the state, and a grasp that takes or releases the cable.
     """
+    cable, state = sim.cable, sim.cable.state.copy()
+    if look_due(cable):
+        release(cable, sim.scene)
+        cable.solve_held(np.zeros(len(cable.stiffness())))  # also if nothing presses it now
+    cable.state[:] = state
     sim.cable.velocities(0.0)
     sim.cable.balance()
     sim.cable.present_energy()
