@@ -176,7 +176,8 @@ def nearest(model: Model, points: Array, diameter: float, limit: float = math.in
         return Nearest(math.inf, nowhere, room_for(limit))
     tried = np.argsort(far.min(axis=(1, 2)))[:TRIED]
     both, step = np.stack((first[tried], second[tried])), 2.0 / (PLACES - 1)
-    best = _XI[np.stack(_least(far[tried]))]
+    far = far[tried]
+    best = _XI[np.stack(_least(far))]
     while step * (ends[both[0], 1] - ends[both[0], 0]).max() > 0.02 * diameter:
         xi = np.clip(best[..., None] + np.linspace(-step, step, PLACES), -1.0, 1.0)
         lines = (xi[..., None] ** np.arange(bspline.ACTIVE)) @ shapes[both]

@@ -76,6 +76,12 @@ def test_scenes_that_went_wrong_once(name):
     assert found.wall < 5.0  # s
 
 
+def test_a_cable_of_many_short_spans_is_looked_at():
+    """A look for where it is nearest to itself indexed the wrong matrices there."""
+    found = judged(draw_random(53))
+    assert (found.problem, found.outcome) == ("", RAN)
+
+
 @pytest.mark.parametrize("seed", [*range(40), 154, 166, 174, 262])
 def test_everyday_scenes_start_in_stable_shapes_at_rest(seed):
     """Among those beyond the first are natural shapes that twist the cable most."""
