@@ -104,7 +104,7 @@ class Physics(Group):
     hardening = Number()  # H / EI
     shortest_span = Number()  # [m]
     keeps_length = Number()  # 1 for a cable of constant length (`engine.tension`)
-    axial_round_off = Number()  # EA L [N m], 0 without stretching
+    axial_round_off = Number()  # EA L [N m] of `Mesh.axial`, 0 without stretching
     bending_round_off = Number()  # EI L [N m^3], 0 without bending
     drag_across = Number()  # c_n - c_t, normal minus tangential drag of air [N s/m^2]
     water_across = Number()  # k_n and k_t of `engine.drag` [N s^2/m^3]

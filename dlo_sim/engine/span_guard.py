@@ -81,7 +81,9 @@ def guard_stiffness(axial, bending, lengths, weight, by_span):
 
 @inline
 def stiffness_on(cable, b):
-    """`guard_stiffness` of a block; the second is 0 for a cable without the term GUARDED."""
+    """`guard_stiffness` of a block; the second is 0 without the term GUARDED, as with explicit
+    methods (`simulation.stepper`).
+    """
     short = 1.0 if cable.terms & GUARDED else 0.0
     return cable.mesh.guard[b, 0], short * cable.mesh.guard[b, 1]
 

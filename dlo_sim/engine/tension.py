@@ -34,7 +34,7 @@ from dlo_sim.engine.spans import curve, span_strains, tangent_at
 from dlo_sim.terms import stretch
 from dlo_sim.terms.vectors import combined, dot
 
-TURN = 3.0  # largest change of a tangent by a correction, in its largest entry per span length
+TURN = 3.0  # change of a tangent by a correction, in its largest entry per span length: an estimate
 
 
 @inline
@@ -70,9 +70,11 @@ def strains_of_span(cable, b, p):
 
 @kernel(void, CABLE, LINES, LINES, LINES, float64, family=IMPLICIT | BETWEEN)
 def predict_tension(cable, x0, x1, moved, share):
-    """Predict the tension for a correction `moved` of x1, the end of a step from x0, to first
-    order. With x0 = x1 at the middle of the step, `moved` counts by half. `share`: 1 where the
-    strain at x0 counts, too.
+    """Predict the tension for a correction `moved` of x1, the end of a step from x0:
+        T / EA = (share eps(x0) + eps(x1) + d eps/dx1 . moved) / 2,
+    plus the old one for a cable of constant length. `share` is 1 where the strain at x0 counts,
+    too: not in a step that keeps the length. With x0 = x1 at the middle of a step, `moved` counts
+    by half.
     """
     if not cable.terms & ANY_STRETCH:
         return
@@ -142,8 +144,8 @@ def copy_tension(source, target):
 
 @kernel(UniTuple(float64, 2), CABLE, LINES, LINES, LINES, family=IMPLICIT)
 def unpredicted(cable, x0, x1, moved):
-    """What the strain of a step from x0 to x1 has beyond the predicted tension: its energy, and the
-    work of its force along `moved` [J].
+    """What the strain e of a step from x0 to x1 has beyond the predicted tension, as integrals of
+    EA e^2 and of EA e d eps along `moved` [J]: a bound of its energy, and the work against it.
     """
     energy, work = zero(), zero()
     if not cable.terms & ANY_STRETCH:

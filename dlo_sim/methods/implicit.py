@@ -1066,7 +1066,8 @@ def implicit_step(method, cable, step, tau):
         # method converge quadratically, or soon is hopeless. A cable that is stretched by far is
         # not stiff along itself: a tension predicted to first order is then worse than that of the
         # shape.
-        wary = cable.terms & (CONTACT | SELF | BISHOP) != 0
+        keeps_length = cable.physics.keeps_length != 0.0
+        wary = cable.terms & (CONTACT | SELF | BISHOP) != 0 and not keeps_length
         careful = wary
         level, done = 0, 0  # `done` in units of 2^-MAX_HALVINGS of the substep
         while done < whole:

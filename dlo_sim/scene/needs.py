@@ -166,6 +166,12 @@ def check_terms(scene: Scene, needs: Needs) -> None:
     """Raise SceneError for terms, and combinations of them, that have no meaning here."""
     if scene.terms.contact == "on" and not (scene.bodies or scene.contact.markers):
         raise SceneError("terms.contact: 'on' needs obstacles; name one in obstacles.names")
+    slides = next((one.name for one in scene.grasps if one.slides), "")
+    if slides and inextensible(scene):
+        raise SceneError(
+            f"terms.stretch: off keeps the length, which is not available with grasps.{slides}."
+            "slides; set terms.stretch to auto"
+        )
     if scene.terms.out_of_plane == "off" and len(needs.axes) == 3:
         if "frenet" in needs or "plasticity" in needs:
             raise SceneError(

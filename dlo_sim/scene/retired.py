@@ -29,6 +29,6 @@ def without_retired(values: Mapping[str, object]) -> dict[str, object]:
         said, instead = RETIRED.get(key) or RETIRED.get(pair) or ("", {})
         if said:
             kept.pop(key)
-            kept.update(instead)
+            kept = instead | kept  # what a scene says beside it counts
             warnings.warn(f"{key}: {word} {said}", stacklevel=4)
     return kept

@@ -72,10 +72,9 @@ def build_model(
     rest[list(axes)] = 0.0
     bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
     origin = np.zeros(3) if origin is None else origin
-    weight = (scene.cable.mu * scene.cable.length + scene.start.mass + scene.end.mass) * EARTH
     axial = scene.cable.EA
     if inextensible(scene):  # the penalty factor of `engine.tension`
-        axial = max(axial, PENALTY * (weight + scene.cable.EI / scene.cable.length**2))
+        axial = max(axial, PENALTY * (_weight(scene) + scene.cable.EI / scene.cable.length**2))
     stiffness = axial, bending
     places = dict(zip(scene.bodies, obstacles.at_rest(scene, origin), strict=True))
     lines = axes, twist, holding
@@ -118,11 +117,20 @@ WATER_PARTS = 8, 32  # of a span where the water has a surface, fewest and most
 PENALTY = 1e6  # on the strain of a cable of constant length, in its weight and EI / L^2
 
 
+def _by_span(scene: Scene) -> bool:
+    """Whether the strain counts by span, as that of a cable of constant length always does."""
+    return scene.discretization.stretch_by_span or inextensible(scene)
+
+
+def _weight(scene: Scene) -> float:
+    """Weight on earth of the cable and the masses at its ends [N]."""
+    cable = scene.cable
+    return (cable.mu * cable.length + scene.start.mass + scene.end.mass) * EARTH
+
+
 def _terms(scene: Scene, needs: Needs, curved: bool, holding: Holding) -> int:
     """Bits of the terms: those of their names, and those that several parameters decide."""
-    keeps_length = inextensible(scene)
-    by_span = scene.discretization.stretch_by_span or keeps_length
-    stretches = "stretch" in needs or keeps_length
+    by_span, stretches = _by_span(scene), "stretch" in needs or inextensible(scene)
     # Rolling takes the rotary inertia that quasistatic twist lacks.
     rolls = scene.may_roll and "quasistatic" not in needs
     thinning = scene.damping.thinning * scene.damping.internal[1] > 0.0
@@ -160,7 +168,7 @@ def _quadrature(scene: Scene, knots: Array) -> quadrature.Quadrature:
     if choice.quadrature == "uniform":
         return quadrature.uniform(breaks, choice.samples)
     rule = quadrature.gauss(breaks, choice.samples)
-    if choice.stretch_by_span and choice.samples >= FEWEST_WITH_ENDS:
+    if _by_span(scene) and choice.samples >= FEWEST_WITH_ENDS:
         return quadrature.with_ends(rule, (scene.start.clamped, scene.end.clamped))
     return rule
 
@@ -210,11 +218,13 @@ class _Filling:
             shifts[rows] = model.mass_solutions(values[rows], twist)
         fill_rows(model, values, shifts)
         self._slides()
-        if inextensible(scene):
-            self._arrays.physics.keeps_length = 1.0
-            self._arrays.physics.axial_round_off = model.axial_stiffness * scene.cable.length
         self._loads()
         self._numbers()
+        if inextensible(scene):
+            physics = self._arrays.physics
+            physics.keeps_length = 1.0
+            physics.axial_round_off = model.axial_stiffness * scene.cable.length
+            physics.beta_stretch = 0.0  # what does not stretch dissipates nothing
         if "contact" in self._needs:
             obstacles.fill(scene, self._arrays, model.knots, model.rest)
         if "self_contact" in self._needs:
@@ -254,10 +264,9 @@ class _Filling:
         mesh.share[:] = to_blocks(1.0 / lengths)
         mesh.linear[:] = to_blocks(linear)
         mesh.axial[:] = model.axial_stiffness
-        weight = cable.mu * EARTH * cable.length
-        stiffness = model.axial_stiffness, model.bending_stiffness
-        by_span = self._scene.discretization.stretch_by_span
-        mesh.guard[:] = to_blocks(guard_stiffness(*stiffness, lengths, weight, by_span))
+        stiffness, scene = (model.axial_stiffness, model.bending_stiffness), self._scene
+        guarding = guard_stiffness(*stiffness, lengths, _weight(scene), _by_span(scene))
+        mesh.guard[:] = to_blocks(guarding)
         mesh.bending[:] = to_blocks(model.bending_stiffness, beyond=cable.EI)
         mesh.xi[:] = to_blocks(model.rule.xi)
         mesh.weight[:] = to_blocks(model.rule.weights)

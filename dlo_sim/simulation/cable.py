@@ -592,7 +592,7 @@ class Cable:
         return self.band
 
     def take_tension(self, at_rest: bool) -> None:
-        """Set the tension to that of the strain of the present shape, unless `at_rest` to zero."""
+        """Set the tension to that of the strain of the present shape if `at_rest`, else to 0."""
         self.arrays.state.tension[:] = 0.0
         if at_rest:
             self.call(between_steps.stiffness, False)

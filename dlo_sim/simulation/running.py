@@ -501,6 +501,15 @@ class Running:
                 stacklevel=2,
             )
 
+    def check_may_stretch(self, what: str) -> None:
+        """Refuse what would put a cable of constant length into a shape of another length.
+
+        Raises:
+            ValueError: the cable keeps its length.
+        """
+        if inextensible(self.scene):
+            raise ValueError(f"{what}: terms.stretch: off keeps the length; set it to auto")
+
     @recorded
     def correct(self, shift: ArrayLike, speed: ArrayLike) -> float:
         """Add to the positions [m] and velocities [m/s] of the control points, shapes (n_u, 3).
@@ -512,8 +521,7 @@ class Running:
             TypeError, ValueError: not such numbers, or a shape without a finite energy; a cable
                 of constant length.
         """
-        if inextensible(self.scene):
-            raise ValueError("correct: terms.stretch: off keeps the length; set it to auto")
+        self.check_may_stretch("correct")
         points, rates, cable = self.cable.points, self.velocities, self.cable
         shape = len(points), 3
         points[:, :3] += arguments.numbers("shift", shift, shape, "m")

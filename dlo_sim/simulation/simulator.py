@@ -21,7 +21,7 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.strain import strain
 from dlo_sim.engine.grasps import ACTIVE, DURATION, START
 from dlo_sim.scene.description import EARTH, Obstacle, Scene, check_added
-from dlo_sim.scene.needs import check_terms, needs_of, with_load
+from dlo_sim.scene.needs import check_terms, inextensible, needs_of, with_load
 from dlo_sim.simulation import following, obstacles, remarks, self_contact
 from dlo_sim.simulation.bodies import write
 from dlo_sim.simulation.ends import NEAR, apart
@@ -575,6 +575,7 @@ class Simulator(Running):
             TypeError: not numbers. ValueError: another shape, not finite, a coordinate differs that
                 the scene does not simulate, or the energy is not finite.
         """
+        self.check_may_stretch("start_from")
         place = arguments.numbers("control points", points, (self.model.n, 4)).copy()
         place[:, :3] -= self.origin
         self.begin(place, rates)
@@ -603,6 +604,7 @@ class Simulator(Running):
                 coincide or are too far apart for the cable, times or coordinates that do not rise,
                 or coordinates that are beyond the cable or not simulated.
         """
+        self.check_may_stretch("start_from_points")
         given = points, times, coordinates
         place, rates = cable_through(self.scene, self.ends, self.geometries, self.model, *given)
         twist = self.control_points[:, 3:]
@@ -622,6 +624,15 @@ class Simulator(Running):
         """
         arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
         scene, resolution = resolved(continued(scene, self.scene))
+        same = (scene.cable.length, scene.discretization) == (
+            self.scene.cable.length,
+            self.scene.discretization,
+        )
+        if inextensible(scene) and not (same and inextensible(self.scene)):
+            raise ValueError(
+                "terms.stretch: off keeps the length from the start of a run, with its "
+                "cable.length and control points; begin anew with it, or set it to auto"
+            )
         # Tangents that the scene does not give are those of this simulator.
         tangents = {
             f"{end}.tangent": list(self.geometries[end].tangent)

@@ -96,6 +96,14 @@ STEADY = 1e5  # pseudo-time of the stiffness that must be positive at rest, in `
 PROJECTING = 1e-4, 1e-3, 1e-2
 
 
+def to_length(cable: Cable) -> bool:
+    """Whether a cable of constant length came to that length, from a shape that is near it."""
+    search = _Search(cable)
+    done = any(search.step(share * search.first)[0] > 0 for share in PROJECTING)
+    cable.take_tension(at_rest=False)
+    return done
+
+
 class FirstShape:
     """The search for the first shape of one cable.
 
@@ -171,7 +179,12 @@ class FirstShape:
             cable.put(points, np.zeros_like(points), 0.0)
             self._align()
         if keeps_length and not self._keep_length(resting):
-            raise SceneError(_cause(scene, cable))
+            ends = cable.points[[0, -1], :3]
+            raise SceneError(
+                f"terms.stretch: off keeps the cable at its length, {scene.cable.length:.6g} m, in "
+                f"no shape near that between its ends, {math.dist(*ends):.6g} m apart; set "
+                "initial.shape to equilibrium, move the ends, or set terms.stretch to auto"
+            )
         points = cable.points
         if wrong := self._inside(points[:, :3]):
             cure = "" if resting or not held else ", or set initial.shape to equilibrium"
@@ -194,10 +207,7 @@ class FirstShape:
         cable.keep_length(True)
         if resting:
             return self._rests(1.0)
-        search = _Search(cable)
-        done = any(search.step(share * search.first)[0] > 0 for share in PROJECTING)
-        cable.take_tension(at_rest=False)
-        return done
+        return to_length(cable)
 
     def _inside(self, points: Array) -> str:
         """One line if the cable begins inside an obstacle (`obstacles.inside`), else empty."""

@@ -71,15 +71,49 @@ def test_a_cable_of_constant_length_hangs_as_a_catenary_and_stays():
     }
     sim = Simulator(load_scene(values | CONSTANT_LENGTH))
     a = brentq(lambda a: 2.0 * a * math.sinh(0.5 * span / a) - 1.0, 0.01, 10.0)
-    for _ in range(2):
+    for duration in (0.0, 1.0):
+        assert sim.advance(duration).status.ok
         sag = -sim.centerline([0.5])[0, 2]
         assert sag == pytest.approx(a * (math.cosh(0.5 * span / a) - 1.0), rel=1e-5)
         force = sim.reaction("start")[0]
         assert force[0] == pytest.approx(-weight * a, rel=1e-4)
         assert force[2] == pytest.approx(0.5 * weight, rel=1e-6)
-        assert sim.advance(1.0).status.ok
     assert sim.left_out["stretch"] == "the cable keeps its rest length (terms.stretch is off)"
     assert "stretch" not in sim.active_terms
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"discretization.stretch": "sample"},
+        {"discretization.control_points": 8},
+        {"damping.stretch": 0.01},
+        {"integrator.method": "energy_momentum_4"},
+    ],
+    ids=lambda values: " ".join(values),
+)
+def test_the_length_is_kept_whatever_else_a_scene_says(values):
+    """The strain counts by span, and what does not stretch dissipates nothing."""
+    sim, iterations = swung(13, CONSTANT_LENGTH | values, steps=100)
+    assert iterations < 6.0 * len(sim.choice.method.substeps)
+    assert sim.energy().stretch < 1e-9 * sim.energy().kinetic
+    assert sim.energy_error < 1e-5 and sim.cable.account.dissipated == 0.0
+
+
+def test_what_would_change_the_length_is_refused_in_one_line():
+    sim, _ = swung(13, CONSTANT_LENGTH, steps=20)
+    points, shift = sim.control_points, np.zeros((13, 3))
+    stretching = Simulator(load_scene(SWING))
+    for refused in (
+        lambda: sim.start_from(1.01 * points),
+        lambda: sim.start_from_points(points[:, :3]),
+        lambda: sim.correct(shift, shift),
+        lambda: sim.reconfigured(sim.scene.with_values({"cable.length": 1.01})),
+        lambda: stretching.reconfigured(sim.scene),
+    ):
+        with pytest.raises(ValueError, match="terms.stretch: off keeps the length.* to auto$"):
+            refused()
+    assert sim.reconfigured(sim.scene.with_values({"damping.mass": 1.0})).advance(0.1).status.ok
 
 
 def test_an_upright_column_of_constant_length_falls_over():
@@ -101,6 +135,8 @@ def test_where_the_ends_pull_it_taut_the_length_is_not_kept():
     taut = {"end.position": [1.0, 0.0, 0.0], "end.fixed": [True] * 3}
     sim = Simulator(load_scene(SWING | CONSTANT_LENGTH | taut))
     assert any("its ends pull it taut" in line for line in sim.warnings)
+    sim.advance_steps(50)
+    assert sim.centerline([0.5])[0, 2] < -1e-3  # it hangs: nothing keeps its length
 
 
 def test_the_retired_name_of_the_method_is_read_with_one_line():
