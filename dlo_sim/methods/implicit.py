@@ -16,8 +16,9 @@ The twist line is always integrated by the midpoint rule (`methods.twist_step`).
 **The solution.** `begin_step` predicts q1 and moves the constraint rows to their targets. Then the
 forces (`step_force`), the residual of the momentum balance (`set_residual`) and a correction
 (`correct`) alternate until the energy error of the step is small. Corrections are Newton's with the
-exact Jacobian (`newton_matrix`), except for the dependence of the viscous forces on the geometry
-and for the plastic flow within the step; between two factorisations they are Broyden's.
+exact Jacobian (`newton_matrix`), except for the dependence of the viscous forces on the geometry,
+for the plastic flow within the step, and for the tension, an unknown of its own that the last
+correction predicted (`engine.tension`); between two factorisations they are Broyden's.
 `finish_step` updates velocities, reactions and the energy balance. `try_step` is all of this. A
 step that does not converge is rejected and repeated in halves, quarters, ... of its length
 (`implicit_step`).
@@ -889,7 +890,7 @@ def judge_matrix(balance, iterations, made):
 )
 def try_step(cable, method, t0, tau, whole, level, careful, predicts):
     """One step in place, of which `results.evaluations` counts the iterations; returns whether it
-    converged. If not, x, w and the constraints of the state are restored.
+    converged. If not, x, w, the constraints and the multipliers of a constant length are restored.
 
     It is a part of a step of length `whole`, over which reactions are averaged, that was halved
     `level` times. If `careful`, corrections that overshoot are shortened; if `predicts`, the

@@ -96,14 +96,6 @@ STEADY = 1e5  # pseudo-time of the stiffness that must be positive at rest, in `
 PROJECTING = 1e-4, 1e-3, 1e-2
 
 
-def to_length(cable: Cable) -> bool:
-    """Whether a cable of constant length came to that length, from a shape that is near it."""
-    search = _Search(cable)
-    done = any(search.step(share * search.first)[0] > 0 for share in PROJECTING)
-    cable.take_tension(at_rest=False)
-    return done
-
-
 class FirstShape:
     """The search for the first shape of one cable.
 
@@ -207,7 +199,10 @@ class FirstShape:
         cable.keep_length(True)
         if resting:
             return self._rests(1.0)
-        return to_length(cable)
+        search = _Search(cable)
+        done = any(search.step(share * search.first)[0] > 0 for share in PROJECTING)
+        cable.take_tension(at_rest=False)
+        return done
 
     def _inside(self, points: Array) -> str:
         """One line if the cable begins inside an obstacle (`obstacles.inside`), else empty."""
