@@ -169,7 +169,14 @@ class Bench:
         """Hessian of the potential energy in the axes of the scene, shape (n dim, n dim), control
         point by control point; with that of the moments."""
         self.put(points)
-        return spectrum.dense(self.cable.stiffness(moments), 4 * len(self.axes) - 1)
+        self.cable.stiffness(moments)
+        return self.band_of_axes()
+
+    def band_of_axes(self):
+        """The band matrix in the working memory in the axes of the scene, as `stiffness`."""
+        n, lines, dim = self.n, self.model.lines, len(self.axes)
+        full = spectrum.dense(self.cable.band, 4 * lines - 1).reshape(n, lines, n, lines)
+        return full[:, :dim, :, :dim].reshape(n * dim, -1)
 
     def mass(self):
         """Mass matrix over all (n, lines) degrees of freedom, shape (n lines, n lines)."""

@@ -5,8 +5,8 @@ twist angle theta where there is twist. Control point i is column MARGIN + i, an
 sides let whole vectors be loaded there. A *block* is LANES neighbouring knot spans, the lanes of a
 vector. A *row* is one scalar equality constraint by which a grasp prescribes the cable, or two
 branches stay together (`engine.rows`); border rows, at places between control points, are the last
-rigid ones. Band matrices go over all spatial unknowns, control point i and line d at i dim + d;
-entry (r, c) is at [r, c - r + 4 dim - 1].
+rigid ones. Band matrices go over all unknowns, control point i and line d at i lines + d; entry
+(r, c) is at [r, c - r + 4 lines - 1].
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ SLIDING = 1 << 25  # grasps may let the cable slide
 PRESSURE = 1 << 26  # in the bore of a hose
 SELF = 1 << 27  # the cable touches itself (`engine.self_contact`)
 SURFACE = 1 << 32  # the water has a surface (`engine.buoyancy`)
-ROLLING = 1 << 28  # friction also turns the cable about its axis (`engine.rolling`)
+ROLLING = 1 << 28  # friction also turns the cable about its axis (`engine.contact`)
 BOXED, ROUND, TUBED = 1 << 29, 1 << 30, 1 << 31  # obstacles may be `contact.BOX`, CYLINDER, TUBE
 
 # Of the terms that `scene.terms.TERMS` and `scene.needs` know by a name.
@@ -74,7 +74,7 @@ ENERGIES = ("stretch", "bend", "twist", "torsion", "plasticity", "gravity", "spr
 STRETCHING, BENDING, TWISTING, TORSIONAL, PLASTIC, WEIGHT, SPRING, TOUCHING = range(8)
 
 # Where the factors of the last Newton matrix are: in `state.matrix`, or elsewhere for one step.
-IN_STATE, IN_SKYLINE, IN_ROLLING_BAND = range(3)
+IN_STATE, IN_SKYLINE = range(2)
 OK, DIVERGED, NOT_CONVERGED = 0, 1, 2  # outcome of an advance
 
 
@@ -345,12 +345,10 @@ class Work(Group):
         "evaluations",  # of forces, or Newton iterations, in a call of `methods.advance`
         "forces_known",  # 1 while `force` is that of the present state, for explicit methods
         "power",  # of the grasps at the present state [W] (`methods.runge_kutta`)
-        "coupled",  # where the factors of the step are: IN_STATE, IN_SKYLINE or IN_ROLLING_BAND
+        "coupled",  # where the factors of the step are: IN_STATE or IN_SKYLINE
         "decaying",  # that of the balance at the start of the step
         *("contact_work", "contact_loss"),  # of the last forces [J] (`contact.add_force`)
         *("contact_jumps", "contact_deep"),  # samples that passed an obstacle, or near its middle
-        "twist_step",  # for which the matrix of the twist is factorised [s], 0: for none
-        "twist_open",  # 1 if the twist of a cable that rolls has not converged
         "pair_loss",  # of the last `self_contact.add_force` [J]
         "pair_work",  # of the diameter that grows back, likewise [J]
         "pairs_beyond",  # for which there is no room in this step
@@ -358,7 +356,7 @@ class Work(Group):
     # twist relative to the Bishop frame
     psi = Reals("bishop_columns")
     tau = Lanes("bishop_blocks", "samples")
-    coupling = Lanes("bishop_blocks", "samples", 5)  # mean rate [rad/m], its change, G (3)
+    moment = Lanes("bishop_blocks", "samples")  # of the last forces, times the weight [N m^2]
     # implicit steps
     start = Reals("lines", "columns")  # configuration at the start of the step
     start_v = Reals("lines", "columns")  # velocity there
@@ -379,16 +377,15 @@ class Work(Group):
     nudge = Reals("lines", "columns")  # the same by line
     corrections = Reals(MOST_CORRECTIONS, "unknowns")  # with the present matrix
     correction_scale = Reals(MOST_CORRECTIONS)  # 1 / |s|^2 of each
-    factors = Lanes("samples", 49)  # of the Jacobian of a block (`engine.elastic`)
+    factors = Lanes("samples", 93)  # of the Jacobian of a block (`engine.elastic`)
     force_moments = Lanes(4, 3)  # for the projected strain: 1, xi, xi^2, xi^3 by direction
     strain_moments = Lanes(4, 3)
     flow_moments = Lanes(4, 3)
     tension_before = Lanes("blocks", "samples")  # the last correction
     tension_start = Lanes("blocks", "samples")  # the step
     guard = Lanes(25)  # gradient of the span guard on a block, and factors of its Jacobian
-    pairs = Reals(9, 16, "columns")  # entries between two control points, one of each span
+    pairs = Reals("pairings", 16, "columns")  # entries between two control points of each span
     pair_sums = Reals(7, groups.LANES)
-    shares = Lanes("samples")
     border_force = Reals("bordered", 2, "seen")  # F, without unknowns that other rows fix
     border_push = Reals("bordered", 2, "seen")  # F with them
     border_condition = Reals("bordered", 2, "seen")  # C
@@ -396,6 +393,7 @@ class Work(Group):
     border_shift = Reals("bordered", "padded")  # Z, from PADDING on
     border_system = Reals("bordered", "bordered")  # (C Z + compliance)^-1
     border_spare = Reals("unknowns")
+    columns = Reals("rigid", "unknowns")  # of the matrix, by row (`methods.relax_step`)
     border_value = Reals("bordered")
     trial = Lanes("obstacles", "groups", 3)  # bristles at the end of the step
     impulses = Lanes("obstacles", "groups", 17)  # `contact.UNIT` to KNOWN
@@ -403,9 +401,7 @@ class Work(Group):
     measured = Lanes("obstacles", "groups", 2, 17)  # where samples are (`contact.measure`)
     touch = Lanes("obstacles", "groups", 12)  # `contact.PRESSURE` to LEVER, of the last forces
     touched = Wholes(1)  # tells which samples touch and slide (`contact.add_force`)
-    contact_sums = Reals(90, groups.LANES)  # derivatives between the control points of a span
-    rolling_band = Reals("rolling_unknowns", 32)  # factors with the twist (`engine.rolling`)
-    rolling_side = Reals("rolling_padded")
+    contact_sums = Reals(160, groups.LANES)  # derivatives between the control points of a span
     # contact of the cable with itself (`engine.self_contact`)
     near_room = Reals("near_pairs")  # by which two spans may move towards each other in a step [m]
     fresh_pair = Reals(4, "pairs")
@@ -416,19 +412,12 @@ class Work(Group):
     pair_law = Reals(25, "pairs")  # of the last `self_contact.add_force`
     pair_force = Reals(12, "pairs")  # on both ends of both segments
     pair_trial = Reals(3, "pairs")  # bristles at the end of the step
-    pair_side = Reals(12, 24)  # `self_contact.couple`
-    pair_at = Wholes(24)
+    pair_side = Reals(12, 32)  # `self_contact.couple`
+    pair_at = Wholes(32)
     skyline = Reals("skyline")  # see `engine.skyline`
     skyline_begin = Wholes("coupled")
     skyline_place = Wholes("coupled")
     skyline_pivot = Reals("coupled")
-    # twist line of implicit steps
-    twist_latest = Reals("lines", "columns")
-    twist_rest = Reals("lines", "columns")
-    twist_sum = Reals("lines", "columns")
-    twist_own = Reals("lines", "columns")  # moments except those of GJ and natural curvature
-    twist_matrix = Reals(7, "n")
-    twist_held = Reals("n")  # 1 where the twist is prescribed
     # explicit steps
     x_rate = Reals(MOST_STAGES, "lines", "columns")
     w_rate = Reals(MOST_STAGES, "lines", "columns")

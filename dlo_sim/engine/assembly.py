@@ -34,13 +34,10 @@ from dlo_sim.engine.arrays import (
     PLASTICITY,
     SPRING,
     STRETCHING,
-    TWISTED,
-    TWISTING,
     VECTOR,
     WEIGHT,
 )
 from dlo_sim.engine.elastic import add_tangent, discrete_force, elastic_energy, elastic_force
-from dlo_sim.engine.lines import add_differences, difference_form
 from dlo_sim.engine.natural_curvature import natural_force
 from dlo_sim.engine.springs import spring_energy, spring_force
 
@@ -62,15 +59,13 @@ def all_forces(cable, x, out):
     start_with_weight(cable, out)
     elastic_force(cable, x, out)
     spring_force(cable, x, 1.0, NO, out)
-    if cable.terms & TWISTED:
-        add_differences(cable.linear.twist, -1.0, x[cable.dim], out[cable.dim])
-        spring_force(cable, x, 1.0, YES, out)
+    spring_force(cable, x, 1.0, YES, out)
     natural_force(cable, x, x, cable.terms & MATERIAL != 0, YES, out)
     torsion.force(cable, x, x, out)
     pressure.force(cable, x, x, out)
     buoyancy.force(cable, x, x, out)
     bishop.force(cable, x, x, out)
-    contact.add_force(cable, NO, NO, x, out)
+    contact.add_force(cable, NO, x, out)
     sliding.slide_force(cable, x, out)
     self_contact.add_force(cable, 0.0, x, out)
 
@@ -85,8 +80,6 @@ def all_energies(cable, x, out):
     for k in range(len(out)):
         out[k] = 0.0
     out[STRETCHING], out[BENDING] = elastic_energy(cable, x)
-    if cable.terms & TWISTED:
-        out[TWISTING] = 0.5 * difference_form(cable.linear.twist, x[cable.dim])
     if cable.terms & GRAVITY:
         energy, large = zero(), zero()
         for line in range(cable.dim):
@@ -110,20 +103,21 @@ def all_energies(cable, x, out):
 @inline
 def discrete_gradient(cable, x0, x1, moved, viscous, out):
     """out -= discrete gradient between x0 and x1, and viscous forces; returns the energy [J] that
-    these dissipate (`elastic.discrete_force`). Implicit steps treat twist and contact apart.
+    these dissipate (`elastic.discrete_force`). Implicit steps add twist and contact themselves.
     """
     lost = discrete_force(cable, x0, x1, moved, viscous, out)
-    if not cable.terms & MATERIAL:  # else `methods.twist_step` adds it with the twist
-        natural_force(cable, x0, x1, NO, YES, out)
+    natural_force(cable, x0, x1, cable.terms & MATERIAL != 0, YES, out)
     pressure.force(cable, x0, x1, out)
     buoyancy.force(cable, x0, x1, out)
     return lost
 
 
 @inline
-def discrete_jacobian(cable, x0, x1, viscous, scale, band):
-    """band += scale times the Jacobian of `discrete_gradient` with respect to x1."""
-    add_tangent(cable, x0, x1, viscous, scale, band)
+def discrete_jacobian(cable, x0, x1, viscous, twist, scale, band):
+    """band += scale times the Jacobian of `discrete_gradient`, and of the twisting forces, with
+    respect to x1 (`elastic.add_tangent`).
+    """
+    add_tangent(cable, x0, x1, viscous, twist, scale, band)
     pressure.tangent(cable, x0, x1, scale, band)
     buoyancy.tangent(cable, x0, x1, scale, band)
 

@@ -1,10 +1,10 @@
 """The linear system of an implicit step: band matrix, constraint rows, LU factors.
 
-Unknown (control point i, line d) has index i dim + d, and entry (r, c) of the matrix is at
-[r, c - r + 4 dim - 1]. At a control point that a clamp holds normal to its tangent, the unknowns
-are rotated into the frame of the clamp, tangent first: the equations with the directions of the
-constraint forces, the unknowns with the directions at the end of the step. Each constraint row
-then fixes a single unknown.
+Unknown (control point i, line d) has index i lines + d, with the twist as the last line, and entry
+(r, c) of the matrix is at [r, c - r + 4 lines - 1]. At a control point that a clamp holds normal to
+its tangent, the spatial unknowns are rotated into the frame of the clamp, tangent first: the
+equations with the directions of the constraint forces, the unknowns with the directions at the end
+of the step. Each constraint row then fixes a single unknown.
 
 A row at a place between control points couples four of them, and a joint four of each branch, so
 it cannot be imposed by fixing single unknowns. These rows border the matrix. Let K be the band
@@ -32,18 +32,16 @@ from dlo_sim.compiling.kernels import NO, YES, inline, kernel
 from dlo_sim.compiling.lanes import LANES, lane
 from dlo_sim.engine.arrays import (
     BETWEEN,
-    BISHOP,
     BORDERED,
     CABLE,
     IMPLICIT,
-    IN_ROLLING_BAND,
     IN_SKYLINE,
     LINES,
     MARGIN,
     PADDING,
-    ROLLING,
     VECTOR,
 )
+from dlo_sim.engine.lines import kind_of
 from dlo_sim.engine.skyline import substitute_skyline
 from dlo_sim.terms.vectors import cross
 
@@ -63,38 +61,63 @@ def add_to_spans(cable, b, first, other, i, j, values, band):
     """Add `values`, one for each span of block b, to the matrix entries between line i of the
     span's control point `first` (0 to 3) and line j of its control point `other`.
     """
-    dim = cable.dim
-    column = (other - first) * dim + j - i + 4 * dim - 1
+    lines = cable.lines
+    column = (other - first) * lines + j - i + 4 * lines - 1
     for span in range(min(LANES, cable.n - 3 - LANES * b)):
-        band[(LANES * b + span + first) * dim + i, column] += lane(values, span)
+        band[(LANES * b + span + first) * lines + i, column] += lane(values, span)
 
 
 @inline
-def add_lines(cable, matrix, scale, band):
-    """band += scale times a matrix of seven diagonals (7, columns), equal on all spatial lines."""
-    dim, n = cable.dim, cable.n
-    half = 4 * dim - 1
+def add_line(cable, line, matrix, scale, band):
+    """band += scale times a matrix of seven diagonals (7, columns) on one line."""
+    lines, n = cable.lines, cable.n
     for k in range(7):
         for i in range(max(3 - k, 0), min(n, n + 3 - k)):
-            value = scale * matrix[k, MARGIN + i]
-            for d in range(dim):
-                band[i * dim + d, (k - 3) * dim + half] += value
+            band[i * lines + line, (k + 1) * lines - 1] += scale * matrix[k, MARGIN + i]
+
+
+@inline
+def add_lines(cable, matrices, scale, band):
+    """band += scale times matrices of seven diagonals (2, 7, columns), the first one on all spatial
+    lines, the second one on that of the twist.
+    """
+    for line in range(cable.lines):
+        add_line(cable, line, matrices[kind_of(cable, line)], scale, band)
 
 
 @inline
 def add_springs(cable, scale, band):
-    """band += scale times the stiffness of all springs except roll springs and joints."""
-    dim, rows, points = cable.dim, cable.rows, cable.points
-    half = 4 * dim - 1
+    """band += scale times the stiffness of all springs except joints, and all of that of roll
+    springs, which act with their moment at the end of a step.
+    """
+    lines, rows, points = cable.lines, cable.rows, cable.points
     for row in range(rows.count + rows.joints, rows.count + rows.springs):
         line, point = rows.line[row], rows.point[row]
-        if line == dim:
-            continue
+        stiffness = rows.stiffness[row] * (1.0 if line == cable.dim else scale)
         for k in range(4):
-            r = (points.first[point] + k) * dim + line
+            r = (points.first[point] + k) * lines + line
             for other in range(4):
                 value = points.weights[point, k] * points.weights[point, other]
-                band[r, (other - k) * dim + half] += scale * rows.stiffness[row] * value
+                band[r, (other - k) * lines + 4 * lines - 1] += stiffness * value
+
+
+# -- vectors of all unknowns ---------------------------------------------------------------------
+
+
+@inline
+def to_unknowns(cable, x, out):
+    """Write lines as a padded vector."""
+    for d in range(cable.lines):
+        for i in range(cable.n):
+            out[PADDING + i * cable.lines + d] = x[d, MARGIN + i]
+
+
+@inline
+def to_lines(cable, numbers, begin, out):
+    """Write a vector whose first unknown is numbers[begin] as lines."""
+    for d in range(cable.lines):
+        for i in range(cable.n):
+            out[d, MARGIN + i] = numbers[begin + i * cable.lines + d]
 
 
 # -- constraint rows at control points -----------------------------------------------------------
@@ -102,7 +125,7 @@ def add_springs(cable, scale, band):
 
 @inline
 def own_point(cable, k):
-    """Control point in space that row k fixes; -1 for the twist or between control points."""
+    """Control point whose place row k fixes; -1 for the twist, or between control points."""
     point = cable.rows.point[k]
     return -1 if cable.points.twist[point] == 1 else cable.points.own[point]
 
@@ -157,7 +180,7 @@ def turn_vector(cable, directions, inward, numbers, begin):
         if not clamps_here(cable, k):
             continue
         f = frame_of(cable, k, directions)
-        at = begin + own_point(cable, k) * dim
+        at = begin + own_point(cable, k) * cable.lines
         v0, v1, v2 = numbers[at], numbers[at + 1], numbers[at + 2] if dim == 3 else 0.0
         u = into_frame(f, v0, v1, v2) if inward else out_of_frame(f, v0, v1, v2)
         numbers[at], numbers[at + 1] = u[0], u[1]
@@ -185,32 +208,32 @@ def hold(cable, rows, columns, band):
     equations and `columns` for the unknowns, and make the equations of fixed unknowns those of the
     identity, so that a right-hand side of zero (`clear_held`) leaves them unchanged.
     """
-    dim, n = cable.dim, cable.n
-    half = 4 * dim - 1
+    dim, lines, n = cable.dim, cable.lines, cable.n
+    half = 4 * lines - 1
     for k in range(cable.rows.count):
         if clamps_here(cable, k):
             i = own_point(cable, k)
-            begin = i * dim
-            low, high = max(i - 3, 0) * dim, min(i + 4, n) * dim
+            begin = i * lines
+            low, high = max(i - 3, 0) * lines, min(i + 4, n) * lines
             f, g = frame_of(cable, k, rows), frame_of(cable, k, columns)
             for c in range(low, high):
                 turn_entries(dim, f, band, begin, c - begin + half, 1, -1)
             for r in range(low, high):
                 turn_entries(dim, g, band, r, begin - r + half, 0, 1)
             for d in range(1, dim):
-                hold_unknown(dim, begin + d, band)
+                hold_unknown(lines, begin + d, band)
     for k in range(cable.rows.count):
-        line = cable.rows.line[k]
-        if 0 <= line < dim and own_point(cable, k) >= 0:
-            hold_unknown(dim, own_point(cable, k) * dim + line, band)
+        line, own = cable.rows.line[k], cable.points.own[cable.rows.point[k]]
+        if line >= 0 and own >= 0:
+            hold_unknown(lines, own * lines + line, band)
 
 
 @inline
-def hold_unknown(dim, r, band):
+def hold_unknown(lines, r, band):
     """Make row r of the matrix a row of the identity."""
-    for c in range(8 * dim):
+    for c in range(8 * lines):
         band[r, c] = 0.0
-    band[r, 4 * dim - 1] = 1.0
+    band[r, 4 * lines - 1] = 1.0
 
 
 @inline
@@ -218,30 +241,27 @@ def clear_held(cable, numbers, begin):
     """Set the entries of fixed unknowns to zero, in a vector in the frames of the clamps whose
     first unknown is numbers[begin].
     """
-    dim = cable.dim
     for k in range(cable.rows.count):
-        i, line = own_point(cable, k), cable.rows.line[k]
-        if i < 0 or line == dim:
-            continue
-        if line >= 0:
-            numbers[begin + i * dim + line] = 0.0
+        line, own = cable.rows.line[k], cable.points.own[cable.rows.point[k]]
+        if line >= 0 and own >= 0:
+            numbers[begin + own * cable.lines + line] = 0.0
         elif clamps_here(cable, k):
-            for d in range(1, dim):
-                numbers[begin + i * dim + d] = 0.0
+            for d in range(1, cable.dim):
+                numbers[begin + own * cable.lines + d] = 0.0
 
 
 # -- LU factors ----------------------------------------------------------------------------------
 
 
 @kernel(boolean, LINES, int64, int64, family=IMPLICIT | BETWEEN)
-def eliminate(band, size, dim):
+def eliminate(band, size, lines):
     """LU factorisation in place without pivoting; false if a pivot is zero or not finite.
 
     The matrix is inertia plus stiffness. If it is far from positive definite, the step is too long
     and is retried with a shorter one. Rows are processed in whole vectors, which the padding zeros
     allow.
     """
-    half = 4 * dim - 1
+    half = 4 * lines - 1
     for r in range(size):
         pivot = band[r, half]
         if not abs(pivot) > 0.0 or pivot - pivot != 0.0:
@@ -249,28 +269,28 @@ def eliminate(band, size, dim):
         inverse = 1.0 / pivot
         band[r, half] = inverse
         near, far = load(band, r, half + 1), load(band, r, half + 1)
-        if dim > 2:
+        if lines > 2:
             far = load(band, r, half + 1 + LANES)
         for below in range(1, min(half, size - 1 - r) + 1):
             to, c = r + below, half - below
             factor = band[to, c] * inverse
             band[to, c] = factor
             store(band, to, c + 1, load(band, to, c + 1) - factor * near)
-            if dim > 2:
+            if lines > 2:
                 store(band, to, c + 1 + LANES, load(band, to, c + 1 + LANES) - factor * far)
     return True
 
 
 @kernel(void, LINES, int64, int64, VECTOR, family=IMPLICIT | BETWEEN)
-def substitute(band, size, dim, x):
+def substitute(band, size, lines, x):
     """Forward and back substitution with the factors of `eliminate`, in place.
 
     Unknown r is x[PADDING + r]; the zeros around them give all sums a length that the compiler
     knows.
     """
-    if dim == 2:
+    if lines == 2:
         substitute_rows(band, size, 7, x)
-    elif dim == 3:
+    elif lines == 3:
         substitute_rows(band, size, 11, x)
     else:
         substitute_rows(band, size, 15, x)
@@ -297,9 +317,9 @@ def substitute_rows(band, size, half, x):
 
 
 @kernel(void, LINES, int64, int64, VECTOR, family=BETWEEN)
-def substitute_transposed(band, size, dim, x):
+def substitute_transposed(band, size, lines, x):
     """Solution with the transposed matrix, as `substitute`: K^T = U^T L^T."""
-    half = 4 * dim - 1
+    half = 4 * lines - 1
     for r in range(size):
         row, at = band[r], PADDING + r
         x[at] *= row[half]
@@ -311,33 +331,15 @@ def substitute_transposed(band, size, dim, x):
             x[at - half + k] -= row[k] * x[at]
 
 
-@kernel(void, CABLE, VECTOR, terms=ROLLING | BISHOP)
-def substitute_rolling(cable, x):
-    """`substitute` with the factors in `work.rolling_band`, in which the twist is the last of four
-    unknowns of a control point, with a right-hand side of zero.
-    """
-    side = cable.work.rolling_side
-    for i in range(cable.n):
-        for d in range(3):
-            side[PADDING + 4 * i + d] = x[PADDING + 3 * i + d]
-        side[PADDING + 4 * i + 3] = 0.0
-    substitute(cable.work.rolling_band, 4 * cable.n, 4, side)
-    for i in range(cable.n):
-        for d in range(3):
-            x[PADDING + 3 * i + d] = side[PADDING + 4 * i + d]
-
-
 @inline
 def solve(cable, band, x):
     """`substitute` with the factors of the last Newton matrix of a step, in `band` or, where the
-    cable presses on itself, in the skyline, or, where it rolls, in `work.rolling_band`.
+    cable presses on itself, in the skyline.
     """
     if cable.work.results.coupled == IN_SKYLINE:
-        substitute_skyline(cable, cable.n * cable.dim, x)
-    elif cable.work.results.coupled == IN_ROLLING_BAND:
-        substitute_rolling(cable, x)
+        substitute_skyline(cable, cable.n * cable.lines, x)
     else:
-        substitute(band, cable.n * cable.dim, cable.dim, x)
+        substitute(band, cable.n * cable.lines, cable.lines, x)
 
 
 # -- border rows ---------------------------------------------------------------------------------
@@ -363,9 +365,9 @@ def windows(cable, k):
 
 @inline
 def window(cable, k, w):
-    """First of the 4 dim unknowns of border row k at its place w."""
+    """First of the 4 lines unknowns of border row k at its place w."""
     point = cable.rows.point[border_row(cable, k)]
-    return cable.dim * (cable.points.other[point] if w == 1 else cable.points.first[point])
+    return cable.lines * (cable.points.other[point] if w == 1 else cable.points.first[point])
 
 
 @inline
@@ -391,28 +393,28 @@ def spread(cable, matrix, k, scale, y, begin):
 @inline
 def write_border(cable, directions, free, out):
     """Write the border rows with directions (rows, 3), in the frames of the clamps, to `out`
-    (border, places, 4 dim). `free`: zero at the unknowns that other constraint rows fix.
+    (border, places, 4 lines). `free`: zero at the unknowns that other constraint rows fix.
     """
-    dim, rows, points, spare = cable.dim, cable.rows, cable.points, cable.work.border_spare
+    lines, rows, points, spare = cable.lines, cable.rows, cable.points, cable.work.border_spare
     for k in range(bordered(cable)):
         row = border_row(cable, k)
         line, point = rows.line[row], rows.point[row]
-        for r in range(cable.n * dim):
+        for r in range(cable.n * lines):
             spare[r] = 0.0
         for w in range(windows(cable, k)):
             begin = window(cable, k, w)
             for j in range(4):
                 weight = points.other_weights[point, j] if w == 1 else points.weights[point, j]
-                for d in range(dim):
+                for d in range(cable.dim):
                     along_d = 1.0 if d == line else 0.0
                     if line < 0:
                         along_d = directions[row, d]
-                    spare[begin + j * dim + d] = along_d * weight
+                    spare[begin + j * lines + d] = along_d * weight
         turn_vector(cable, directions, YES, spare, 0)
         if free:
             clear_held(cable, spare, 0)
         for w in range(windows(cable, k)):
-            for r in range(4 * dim):
+            for r in range(4 * lines):
                 out[k, w, r] = spare[window(cable, k, w) + r]
 
 
@@ -424,7 +426,7 @@ def set_border(cable, pushed, kept):
     write_border(cable, pushed, YES, work.border_force)
     write_border(cable, kept, YES, work.border_condition)
     spare = work.border_spare
-    for r in range(cable.n * cable.dim):
+    for r in range(cable.n * cable.lines):
         spare[r] = 0.0
     for k in range(border):
         spread(cable, work.border_force, k, 1.0, spare, 0)
@@ -456,7 +458,7 @@ def stiffen_border(cable, band):
     """Add F^T C of the rigid rows at one place to the band matrix, each scaled to the largest
     diagonal entry where it acts.
     """
-    half = 4 * cable.dim - 1
+    half = 4 * cable.lines - 1
     for k in range(cable.rows.border):
         if windows(cable, k) == 2:  # outside the band
             continue
@@ -476,7 +478,7 @@ def solve_border(cable, band, share):
     """Compute Z = K^-1 F^T and (C Z + compliance)^-1 with the LU factors of K. `share`: of the
     stiffness of joints in the matrix, as of the other springs.
     """
-    work, rows, size = cable.work, cable.rows, cable.n * cable.dim
+    work, rows, size = cable.work, cable.rows, cable.n * cable.lines
     for k in range(bordered(cable)):
         z = work.border_shift[k]
         for r in range(size):
@@ -504,7 +506,7 @@ def keep_border(cable, y):
         for j in range(count):
             share += work.border_system[k, j] * values[j]
         z = work.border_shift[k]
-        for r in range(PADDING, PADDING + cable.n * cable.dim):
+        for r in range(PADDING, PADDING + cable.n * cable.lines):
             y[r] -= share * z[r]
 
 
@@ -515,7 +517,7 @@ def keep_border_transposed(cable, y):
     values = work.border_value
     for k in range(count):
         z, value = work.border_shift[k], 0.0
-        for r in range(PADDING, PADDING + cable.n * cable.dim):
+        for r in range(PADDING, PADDING + cable.n * cable.lines):
             value += z[r] * y[r]
         values[k] = value
     for k in range(count):

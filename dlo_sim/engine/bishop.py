@@ -29,11 +29,21 @@ It is known at the end of a step, so this part of the angle of a moving clamp is
 from __future__ import annotations
 
 import numpy as np
-from numba import void
+from numba import boolean, float64, void
 
 from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, zero
-from dlo_sim.engine.arrays import BISHOP, CABLE, LINES, MARGIN, MATERIAL, SPRUNG, TWISTING, VECTOR
+from dlo_sim.engine.arrays import (
+    BISHOP,
+    CABLE,
+    IMPLICIT,
+    LINES,
+    MARGIN,
+    MATERIAL,
+    SPRUNG,
+    TWISTING,
+    VECTOR,
+)
 from dlo_sim.engine.grasps import first_direction
 from dlo_sim.engine.lines import copy, solve_line
 from dlo_sim.engine.natural_curvature import follow_natural, rest_twist_at
@@ -44,13 +54,11 @@ from dlo_sim.engine.spans import (
     curve,
     scatter,
     scatter_lines,
-    store_three,
     tangent_at,
-    three,
+    twist_rate,
 )
 from dlo_sim.engine.springs import rolls, row_of, spring_stiffness, spring_value
 from dlo_sim.engine.term import ENERGY, FLOW, FORCE
-from dlo_sim.engine.torsion import angle_block
 from dlo_sim.terms.material_frame import unit
 from dlo_sim.terms.vectors import combined, cross, dot
 
@@ -86,23 +94,20 @@ def tau_at(r, p, xi, s):
     return tau_between(t, k, tangent_at(p, xi), bending_at(p, xi, s))[0]
 
 
-@inline
-def turn_by_shape(cable, x1, viscous, discrete, out):
-    """out -= the part on theta of the discrete gradient of the twisting energy that depends on tau,
-    between the start of the step and x1; or, if not `discrete`, of the gradient at x1.
-    `push_by_twist` adds the part on the centreline.
+@kernel(float64, CABLE, LINES, LINES, float64, boolean, LINES, terms=BISHOP, family=IMPLICIT)
+def step_force(cable, x0, x1, viscous, discrete, out):
+    """out -= discrete gradient of the twisting energy between the start x0 of a step and x1, or, if
+    not `discrete`, gradient in the middle of the step, with the shape x1 there and the twist at its
+    end in the state; and the forces of internal damping. `viscous`: beta / tau [-].
 
-    Writes for it `work.coupling`, at every quadrature point: mean rate tau - rest twist [rad/m],
-    its change, and G (3). tau is zero at the start of a step, to which theta's frame refers.
-
-    Args:
-        viscous: beta / tau [-], 0 without damping.
+    Writes the twisting moment, times the weights, to `work.moment`. Returns the energy dissipated.
     """
-    mesh = cable.mesh
+    mesh, end, lost = cable.mesh, cable.state.x, zero()
     for b in range(cable.blocks):
-        s, row = mesh.slope[b], cable.work.coupling[b]
-        p, q = curve(cable, cable.work.start, b, 1.0), curve(cable, x1, b, 1.0)
-        turned = (zero(), zero(), zero())
+        s = mesh.slope[b]
+        p, q = curve(cable, x0, b, 1.0), curve(cable, x1, b, 1.0)
+        angle0, angle1 = twist_rate(cable, x0, b), twist_rate(cable, end, b)
+        g0 = g1 = g2 = turned = (zero(), zero(), zero())
         for j in range(cable.samples):
             xi, w = mesh.xi[b, j], cable.physics.GJ * mesh.weight[b, j]
             t0, k0 = tangent_at(p, xi), bending_at(p, xi, s)
@@ -112,72 +117,55 @@ def turn_by_shape(cable, x1, viscous, discrete, out):
             if not discrete:
                 rate, change = change, zero()
                 gradient = tau_between(t1, k1, t1, k1)[1]
-            rate -= rest_twist_at(cable, b, j)
-            turned = add_polynomial(turned, w * (rate + viscous * change), xi)
-            row[j, 0] = rate
-            row[j, 1] = change
-            store_three(row[j], 2, gradient)
-        scatter(mesh, b, turned, -1.0, out[cable.dim])
-
-
-@inline
-def push_by_twist(cable, x0, x1, viscous, out):
-    """out -= the part on the centreline (`turn_by_shape`, which wrote `work.coupling`), for the
-    twist lines of x0 and x1. Returns the energy [J] dissipated beyond that of theta alone.
-    """
-    mesh, lost = cable.mesh, zero()
-    for b in range(cable.blocks):
-        angle0, angle1 = angle_block(cable, x0, b), angle_block(cable, x1, b)
-        g0 = g1 = g2 = (zero(), zero(), zero())
-        for j in range(cable.samples):
-            xi, w = mesh.xi[b, j], cable.physics.GJ * mesh.weight[b, j]
-            row = cable.work.coupling[b, j]
-            rate, change, g = row[0], row[1], three(row, 2)
             theta0, theta1 = polynomial(angle0, xi), polynomial(angle1, xi)
-            own = theta1 - theta0
-            stress = w * (rate + 0.5 * (theta0 + theta1) + viscous * (change + own))
-            lost += w * viscous * change * (change + 2.0 * own)
-            g0 = add_sample(g0, stress * g[0], zero(), xi)
-            g1 = add_sample(g1, stress * g[1], zero(), xi)
-            g2 = add_sample(g2, stress * g[2], zero(), xi)
+            change += theta1 - theta0
+            rate += 0.5 * (theta0 + theta1) - rest_twist_at(cable, b, j)
+            moment = w * (rate + viscous * change)
+            cable.work.moment[b, j] = moment
+            lost += w * viscous * change * change
+            turned = add_polynomial(turned, moment, xi)
+            g0 = add_sample(g0, moment * gradient[0], zero(), xi)
+            g1 = add_sample(g1, moment * gradient[1], zero(), xi)
+            g2 = add_sample(g2, moment * gradient[2], zero(), xi)
         scatter_lines(cable, b, g0, g1, g2, -1.0, out)
+        scatter(mesh, b, turned, -1.0, out[cable.dim])
     return lane_sum(lost)
 
 
 @kernel(*FORCE, terms=BISHOP)
 def force(cable, _, x, out):
-    """out -= gradient of the twisting energy that depends on tau; within an implicit step
-    `methods.twist_step` does that.
-    """
+    """out -= gradient of the twisting energy at rest, with the moment as of `step_force`."""
     mesh = cable.mesh
     for b in range(cable.blocks):
-        s, angle = mesh.slope[b], angle_block(cable, x, b)
+        s, angle = mesh.slope[b], twist_rate(cable, x, b)
         r, p = curve(cable, cable.state.reference, b, 1.0), curve(cable, x, b, 1.0)
         g0 = g1 = g2 = turned = (zero(), zero(), zero())
         for j in range(cable.samples):
             xi, w = mesh.xi[b, j], cable.physics.GJ * mesh.weight[b, j]
             t, k = tangent_at(p, xi), bending_at(p, xi, s)
             rate = tau_at(r, p, xi, s) - rest_twist_at(cable, b, j)
-            turned = add_polynomial(turned, w * rate, xi)
-            stress, g = w * (rate + polynomial(angle, xi)), tau_between(t, k, t, k)[1]
-            g0 = add_sample(g0, stress * g[0], zero(), xi)
-            g1 = add_sample(g1, stress * g[1], zero(), xi)
-            g2 = add_sample(g2, stress * g[2], zero(), xi)
+            moment, g = w * (rate + polynomial(angle, xi)), tau_between(t, k, t, k)[1]
+            cable.work.moment[b, j] = moment
+            turned = add_polynomial(turned, moment, xi)
+            g0 = add_sample(g0, moment * g[0], zero(), xi)
+            g1 = add_sample(g1, moment * g[1], zero(), xi)
+            g2 = add_sample(g2, moment * g[2], zero(), xi)
         scatter_lines(cable, b, g0, g1, g2, -1.0, out)
         scatter(mesh, b, turned, -1.0, out[cable.dim])
 
 
 @kernel(*ENERGY, terms=BISHOP)
 def energy(cable, x, out):
-    """Add the part of the twisting energy that depends on tau [J]."""
+    """Add the twisting energy [J]."""
     mesh, sum_ = cable.mesh, zero()
     for b in range(cable.blocks):
-        s, angle = mesh.slope[b], angle_block(cable, x, b)
+        s, angle = mesh.slope[b], twist_rate(cable, x, b)
         r, p = curve(cable, cable.state.reference, b, 1.0), curve(cable, x, b, 1.0)
         for j in range(cable.samples):
             xi, w = mesh.xi[b, j], cable.physics.GJ * mesh.weight[b, j]
             rate = tau_at(r, p, xi, s) - rest_twist_at(cable, b, j)
-            sum_ += w * rate * (0.5 * rate + polynomial(angle, xi))
+            rate += polynomial(angle, xi)
+            sum_ += 0.5 * w * rate * rate
     out[TWISTING] += lane_sum(sum_)
 
 
@@ -186,7 +174,7 @@ def squares_lost(cable, x, rates, psi):
     """Integral of (theta' + tau - rest)^2 - (theta' + psi' - rest)^2 [1/m], tau from `rates`."""
     mesh, sum_ = cable.mesh, zero()
     for b in range(cable.blocks):
-        angle, own = angle_block(cable, x, b), coefficients(mesh, b, psi)
+        angle, own = twist_rate(cable, x, b), coefficients(mesh, b, psi)
         for j in range(cable.samples):
             xi = mesh.xi[b, j]
             old, new = rates[b, j], polynomial(own, xi)

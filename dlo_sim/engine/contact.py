@@ -35,8 +35,10 @@ Restitution is that of Newton, the same at every step: 0 lies where it lands, 1 
 **Rolling.** A cable that twists in space also turns about its axis by an angle phi relative to the
 obstacle, which moves its surface, a radius a off the axis, by - phi l, l = a t x n / (|t| |n|) with
 the tangent t. Friction then sees dy - phi l in place of dy, and turns the cable about its axis by
-the moment - l.f per length (`engine.rolling`). Without that, friction acts on the axis. The moment
-of friction along the cable, which bends it, is left out.
+the moment m = - l.f per length. With the derivative S of `engine.contact_law`,
+    - dm/dphi = l.S l,   dF/dphi = S l,   dm/dr = l.(- df/dr).
+A sample that sticks ties the spin to the motion of the axis, as a wheel. Without that, friction
+acts on the axis. The moment of friction along the cable, which bends it, is left out.
 
 **Overlap that decays.** An obstacle that jumps into the cable would fling it out. Instead its reach
 becomes less at first by the same length for all samples, the largest by which one is pressed in
@@ -85,6 +87,8 @@ from dlo_sim.engine.contact_law import (
     friction_jacobian,
     held_share,
     pressure,
+    product,
+    product_from_left,
     scaled,
     with_product,
 )
@@ -108,7 +112,7 @@ START, MIDDLE, END = 0, 12, 24  # entries of a pose: R by rows (9), c (3)
 BEGUN, ENDED = 0, 1  # of `work.measured`: at the start and the end of a step
 STIFFNESS, BRISTLE, FRICTION = range(3)  # entries of the law of an obstacle: k, k_t, mu
 # Entries of `work.touch` of a sample, of the last forces: p, dp/dg1, p / (f0 + f1), n (3), the
-# trial force of friction (3), without the spin of the cable in this step, and the lever l (3).
+# trial force of friction (3), and the lever l (3).
 PRESSURE, SLOPE, TURN, TOWARD, TRIAL, LEVER = 0, 1, 2, 3, 6, 9
 # Entries of `work.impulses` of a sample at the end of a step, in the frame of the obstacle: normal
 # (3); impulses of pressure and friction (3) in the step, per length; velocity of the obstacle, by
@@ -423,19 +427,6 @@ def friction_at(cable, o, g):
 
 
 @inline
-def trial_at(cable, o, g, change):
-    """Trial force of friction on the samples of a group at the last forces, with the spin of the
-    cable in a `change`.
-    """
-    touch = cable.work.touch[o, g]
-    trial = three(touch, TRIAL)
-    if cable.terms & ROLLING:
-        turn = -cable.contact.law[o, BRISTLE] * line_at(cable, change, g, cable.dim)
-        trial = combined(1.0, trial, turn, three(touch, LEVER))
-    return trial
-
-
-@inline
 def release(cable, o, g):
     """Let the samples of a group, none of which touches, lose their bristles; returns |z|^2."""
     z, none = three(cable.state.bristle[o, g], 0), zero()
@@ -443,18 +434,14 @@ def release(cable, o, g):
     return dot(z, z)
 
 
-@kernel(void, CABLE, boolean, boolean, LINES, LINES, terms=CONTACT)
-def add_force(cable, steps, waits, x, out):
+@kernel(void, CABLE, boolean, LINES, LINES, terms=CONTACT)
+def add_force(cable, steps, x, out):
     """out += contact force of a step to x from the configuration with which it began (`begin`).
 
     Sets `work.touch`; the bristles at its end, `work.trial`; `work.touched`, a number that tells
-    which samples touch and, without the twist, slide; and of `work.results` the work of the
-    obstacles, the loss [J], how many samples may have passed through an obstacle, and how many are
-    near the middle of one.
-
-    Args:
-        steps: false for the pressure at x alone. waits: whether friction waits until the twist is
-            known (`engine.rolling`).
+    which samples touch and slide; and of `work.results` the work of the obstacles, the loss [J],
+    how many samples may have passed through an obstacle, and how many are near the middle of one.
+    `steps` is false for the pressure at x alone.
     """
     contact, state, work = cable.contact, cable.state, cable.work
     worked, lost, jumps, deep, touched = zero(), zero(), zero(), zero(), 0
@@ -500,17 +487,13 @@ def add_force(cable, steps, waits, x, out):
                 trial, share, z1, loss = friction(k_t, k_t, mu, p, n, seen, z)
                 lost += w * loss
                 put(work.trial[o, g], 0, z1)
-                if not waits:
-                    f = combined(1.0, f, -share, trial)
+                f = combined(1.0, f, -share, trial)
                 if cable.terms & ROLLING:
                     own = line_at(cable, work.change, g, cable.dim)
                     moment = share * dot(lever, trial)
                     worked += w * moment * (own - phi)
-                    if not waits:
-                        push_line(cable, g, cable.dim, w * moment, out)
-                    trial = combined(1.0, trial, own * k_t, lever)
-                else:
-                    bits |= bits_above(where(p, 1.0 - share, 0.0)) << 2 * LANES
+                    push_line(cable, g, cable.dim, w * moment, out)
+                bits |= bits_above(where(p, 1.0 - share, 0.0)) << 2 * LANES
                 put(touch, TRIAL, trial)
             touched = ((touched ^ bits) * 1000003 + g) & 0x7FFFFFFF
             on_lines = to_lines(pose, MIDDLE, f)
@@ -541,7 +524,7 @@ def energy(cable, x, out):
 @kernel(void, CABLE, boolean, float64, LINES, terms=CONTACT)
 def add_tangent(cable, steps, scale, band):
     """band -= scale times the Jacobian of the last `add_force` by the end of the step."""
-    contact, work, block = cable.contact, cable.work, -1
+    contact, work, block, none = cable.contact, cable.work, -1, zero()
     for o in range(contact.count):
         law = contact.law[o]
         for k in range(int(cable.state.near_count[o])):
@@ -557,17 +540,26 @@ def add_tangent(cable, steps, scale, band):
                 scaled(-turn, (mixed[1], mixed[2], diagonal[2])),
             )
             push = scaled(turn - slope, n)
+            by_spin = by_place = (none, none, none)
+            held = none
             if steps and law[FRICTION] > 0.0:
-                mu, trial = friction_at(cable, o, g), trial_at(cable, o, g, work.change)
+                mu, trial = friction_at(cable, o, g), three(touch, TRIAL)
                 s, lean = friction_jacobian(law[BRISTLE], mu, p, slope, n, trial)
                 push = combined(1.0, push, 1.0, lean)
+                if cable.terms & ROLLING:
+                    lever = three(touch, LEVER)
+                    by_spin = product(s, lever)
+                    held = dot(lever, by_spin)
+                    of_place = with_product(s, lean, three(after, NORMAL))
+                    by_place = product_from_left(lever, of_place)
                 h = (
                     combined(1.0, h[0], 1.0, s[0]),
                     combined(1.0, h[1], 1.0, s[1]),
                     combined(1.0, h[2], 1.0, s[2]),
                 )
             h = with_product(h, push, three(after, NORMAL))
-            block = add_samples(cable, o, g, MIDDLE, h, scale, block, band)
+            spun = by_spin, by_place, held
+            block = add_samples(cable, o, g, MIDDLE, h, spun, scale, block, band)
     if block >= 0:
         add_block(cable, block, band)
 
@@ -581,10 +573,11 @@ def block_of(cable, g):
 
 
 @inline
-def add_samples(cable, o, g, turned_at, h, scale, block, band):
+def add_samples(cable, o, g, turned_at, h, spun, scale, block, band):
     """band += `scale` times the integral of R h R_end^T over the samples of a group, with R of the
-    pose at `turned_at`. They wait in `work.contact_sums` until another block (`block_of`) begins;
-    returns the block that waits.
+    pose at `turned_at`; and of `spun`, where the cable rolls: minus the derivatives of force by
+    spin (R f) and of moment by place (f R_end^T), and the one of moment by spin. They wait in
+    `work.contact_sums` until another block (`block_of`) begins; returns the block that waits.
     """
     contact, pose = cable.contact, cable.state.pose[o]
     h = to_lines(pose, END, h[0]), to_lines(pose, END, h[1]), to_lines(pose, END, h[2])
@@ -592,36 +585,45 @@ def add_samples(cable, o, g, turned_at, h, scale, block, band):
     h = scaled(w, h[0]), scaled(w, h[1]), scaled(w, h[2])
     if here != block and block >= 0:
         add_block(cable, block, band)
-    if cable.dim == 3:  # with loops of known length
-        add_lines(cable.work.contact_sums, e, 3, pose, turned_at, h)
+    sums = cable.work.contact_sums
+    if cable.terms & ROLLING:  # with loops of known length
+        spin, place = to_lines(pose, turned_at, spun[0]), to_lines(pose, END, spun[1])
+        add_lines(sums, e, 4, pose, turned_at, h, scaled(-w, spin))
+        add_line(sums, e, 4, 3, scaled(-w, place), w * spun[2])
+    elif cable.dim == 3:
+        add_lines(sums, e, 3, pose, turned_at, h, h[0])
     else:
-        add_lines(cable.work.contact_sums, e, 2, pose, turned_at, h)
+        add_lines(sums, e, 2, pose, turned_at, h, h[0])
     return here
 
 
 @inline
-def add_lines(sums, e, dim, pose, at, h):
-    """Add what a sample with basis values e adds to so many lines of R h: see `add_line`."""
-    for i in range(dim):
+def add_lines(sums, e, size, pose, at, h, last):
+    """Add what a sample with basis values e adds to the lines of R h, and `last`, their entries on
+    the twist: see `add_line`.
+    """
+    for i in range(min(size, 3)):
         f = combined(pose[at + 3 * i], h[0], pose[at + 3 * i + 1], h[1])
         f = combined(1.0, f, pose[at + 3 * i + 2], h[2])
-        add_line(sums, e, dim, dim, i, f)
+        add_line(sums, e, size, i, f, component(last, i))
 
 
 @inline
-def add_line(sums, e, dim, lines, i, f):
+def add_line(sums, e, size, i, f, last):
     """Add what a sample with basis values e adds to line i between all pairs of control points of
-    its span, from line i of its derivative f: so many lines by dim rows of `sums` for each pair.
+    its span, from line i of its derivative, (f, last): size^2 rows of `sums` for each pair.
     """
-    at = dim * i
+    at = size * i
     for first in range(4):
         for other in range(first, 4):
             both = e[first] * e[other]
             store(sums, at, 0, load(sums, at, 0) + both * f[0])
             store(sums, at + 1, 0, load(sums, at + 1, 0) + both * f[1])
-            if dim == 3:
+            if size > 2:
                 store(sums, at + 2, 0, load(sums, at + 2, 0) + both * f[2])
-            at += dim * lines
+            if size > 3:
+                store(sums, at + 3, 0, load(sums, at + 3, 0) + both * last)
+            at += size * size
 
 
 @inline
@@ -645,18 +647,18 @@ def clear_sums(cable):
 
 
 @inline
-def add_spans(cable, block, dim, band):
+def add_spans(cable, block, size, band):
     """`add_block` for so many lines."""
-    sums, half = cable.work.contact_sums, 4 * dim - 1
+    sums, lines, half = cable.work.contact_sums, cable.lines, 4 * cable.lines - 1
     first, spans = take_sums(cable, block)
     for span in range(spans):
         row = 0
         for one in range(4):
             for other in range(one, 4):
-                apart = (other - one) * dim
-                for i in range(dim):
-                    at, to = (first + span + one) * dim + i, (first + span + other) * dim + i
-                    for c in range(dim):
+                apart = (other - one) * lines
+                for i in range(size):
+                    at, to = (first + span + one) * lines + i, (first + span + other) * lines + i
+                    for c in range(size):
                         value = sums[row, span]
                         band[at, half - i + c + apart] += value
                         if other > one:
@@ -667,7 +669,9 @@ def add_spans(cable, block, dim, band):
 @kernel(void, CABLE, int64, LINES, terms=CONTACT)
 def add_block(cable, block, band):
     """band += `work.contact_sums` of a block, which then has none."""
-    if cable.dim == 3:  # with loops of known length
+    if cable.terms & ROLLING:  # with loops of known length
+        add_spans(cable, block, 4, band)
+    elif cable.dim == 3:
         add_spans(cable, block, 3, band)
     else:
         add_spans(cable, block, 2, band)
@@ -716,7 +720,7 @@ def expect(cable, o, g, tau):
     rubbed, limit = (none, none, none), friction_at(cable, o, g) * touch[PRESSURE]
     kept[TURNS] = none
     if contact.law[o, FRICTION] > 0.0:
-        trial = trial_at(cable, o, g, work.change)
+        trial = three(touch, TRIAL)
         rubbed = scaled(-tau * held_share(limit, trial)[0], trial)
         if cable.terms & ROLLING:
             t = turned_back(pose, END, weighted(cable, cable.state.x, g, contact.slope[g]))
@@ -805,6 +809,7 @@ def add_impulses(cable, v, push, band):
             n, hold = three(kept, UNIT), stiff * kept[STICKS]
             across, excess = excess_velocity(cable, o, g, v)
             rub, pushed = impulses_at(cable, o, g, across, excess)
+            lever = none, none, none
             if cable.terms & ROLLING:
                 lever = three(cable.work.touch[o, g], LEVER)
                 push_line(cable, g, cable.dim, -w * dot(lever, rub), push)
@@ -812,7 +817,8 @@ def add_impulses(cable, v, push, band):
             push_samples(cable, g, scaled(w, f), push)
             h = (hold, none, none), (none, hold, none), (none, none, hold)
             h = with_product(h, scaled(where(kept[PUSHED], stiff, 0.0) - hold, n), n)
-            block = add_samples(cable, o, g, END, h, 1.0, block, band)
+            spun = scaled(hold, lever), scaled(hold, lever), hold * dot(lever, lever)
+            block = add_samples(cable, o, g, END, h, spun, 1.0, block, band)
     if block >= 0:
         add_block(cable, block, band)
 

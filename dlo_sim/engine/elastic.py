@@ -43,21 +43,28 @@ from dlo_sim.engine.arrays import (
     ANY_STRETCH,
     BEND,
     BETWEEN,
+    BISHOP,
     CABLE,
     CURVED,
     IMPLICIT,
     LINES,
     MARGIN,
+    MATERIAL,
+    PLASTICITY,
     SPAN_STRETCH,
     STRETCH,
     THINNED,
 )
+from dlo_sim.engine.band import add_line
 from dlo_sim.engine.natural_curvature import (
     density_gradient,
     density_jacobian,
-    natural_at,
+    natural_with,
     triple,
+    turn_polynomial,
+    vector_now,
 )
+from dlo_sim.engine.plasticity import curvature, slip_derivative, slipping
 from dlo_sim.engine.span_guard import (
     FORMS,
     discrete_guard_gradient,
@@ -68,8 +75,10 @@ from dlo_sim.engine.span_guard import (
 )
 from dlo_sim.engine.spans import (
     add_sample,
+    basis_at,
     bending_at,
     curve,
+    integrated,
     matrix_times,
     products,
     scatter,
@@ -77,6 +86,7 @@ from dlo_sim.engine.spans import (
     span_strains,
     store_three,
     tangent_at,
+    three,
 )
 from dlo_sim.engine.tension import strain_rates
 from dlo_sim.terms import bend, stretch, viscosity
@@ -277,16 +287,27 @@ def discrete_force(cable, x0, x1, moved, viscous, out):
 T, K, X1, Y1, X2, Y2, X3, UNIT = 0, 3, 6, 9, 12, 15, 18, 21
 KN, NT, XE, SKEW = 24, 27, 30, 33
 NORMAL, VISCOUS, ALONG, RATIO, INVERSE_C, THINNED_T, THINNED_K = 36, 39, 40, 41, 42, 43, 46
+# Of the twist: stiffness; G of `engine.bishop`, right factor of its dyad; moment times t and k; and
+# of the natural curvature in the material frame: derivatives by theta, factors of its dyads.
+KAPPA, G, XG, MT, MK = 49, 50, 53, 56, 59
+NATURAL, T_THETA, K_THETA, THETA, LEAN, BINORMAL = 62, 65, 68, 71, 72, 75
+SLIPPED, FLOW_T, FLOW_K = 78, 81, 87  # of plastic flow: p, and two dyads
 
 
-@kernel(void, CABLE, LINES, LINES, float64, float64, LINES)
-def add_tangent(cable, x0, x1, viscous, scale, band):
+@kernel(void, CABLE, LINES, LINES, float64, float64, float64, LINES)
+def add_tangent(cable, x0, x1, viscous, twist, scale, band):
     """band += scale times the Jacobian, with respect to x1, of the discrete gradient between x0 and
-    x1. The viscous part is `viscous` [1/s] times the damping matrix; 0 leaves it out.
+    x1. The viscous part is `viscous` [1/s] times the damping matrix; 0 leaves it out. That of the
+    twist, to first order in the step, has the moment of the last forces and this share `twist` of
+    the torsional stiffness: 1/2 and its damping, or 0 for the shape at a given twist.
     """
     for b in range(cable.blocks):
         p, q = curve(cable, x0, b, 1.0), curve(cable, x1, b, 1.0)
+        if cable.terms & CURVED:
+            turn_natural(cable, b, x0, x1, p, q)
         factor_samples(cable, b, p, q, viscous)
+        if cable.terms & BISHOP:
+            factor_twist(cable, b, twist)
         before, after = products(p), products(q)
         guarded = may_act(before) or may_act(after)
         if guarded:
@@ -297,7 +318,11 @@ def add_tangent(cable, x0, x1, viscous, scale, band):
                 if guarded:
                     h = add_guard(cable.work.guard, p, q, i, j, h)
                 write_pairs(cable, b, i, j, h)
+        if cable.terms & BISHOP:
+            write_twist(cable, b)
     add_pairs(cable, scale, band)
+    if cable.terms & BISHOP:
+        add_line(cable, cable.dim, cable.linear.twist, scale * twist, band)
 
 
 @inline
@@ -359,7 +384,9 @@ def factor_samples(cable, b, p, q, viscous):
         store_three(f[j], X3, combined(4.0 * w * hc, tb, 0.0, kb))
         store_three(f[j], UNIT, (w * on_c, 0.5 * w * on_d, w * on_h))
         if terms & CURVED:
-            factor_natural(cable, b, j, ta, ka, tb, kb, t, k)
+            factor_natural(cable, j, ta, ka, tb, kb, t, k)
+            if terms & PLASTICITY:
+                factor_flow(cable, b, j, t, k, w * bending)
         if viscous != 0.0:
             ratio, n, inverse = viscosity.curvature_of(t, k)
             g = zero()
@@ -393,9 +420,42 @@ def add_moments(moments, f, t, xi):
 
 
 @inline
-def factor_natural(cable, b, j, ta, ka, tb, kb, t, k):
-    """Add the natural and plastic curvature to the factors of sample j."""
-    f, n = cable.work.factors, natural_at(cable, b, j)
+def turn_natural(cable, b, x0, x1, p, q):
+    """Write the natural and plastic curvature in the middle of a step to `work.factors`."""
+    follows, r = cable.terms & MATERIAL != 0, p
+    angle0 = angle1 = (zero(), zero(), zero(), zero())
+    if follows:
+        r = curve(cable, cable.state.reference, b, 1.0)
+        angle0, angle1 = turn_polynomial(cable, b, x0), turn_polynomial(cable, b, x1)
+    for j in range(cable.samples):
+        xi, n = cable.mesh.xi[b, j], three(cable.state.natural[b, j], 0)
+        slipped = zero(), zero(), zero()
+        if cable.terms & PLASTICITY:
+            slipped = three(cable.state.plastic[b, j], 0)
+        if follows:
+            inverse = 1.0 / cable.mesh.slope[b]
+            angle = 0.5 * (integrated(inverse, angle0, xi) + integrated(inverse, angle1, xi))
+            begun, t = tangent_at(r, xi), mean(tangent_at(p, xi), tangent_at(q, xi))
+            n = vector_now(n, begun, t, angle)
+            if cable.terms & PLASTICITY:
+                slipped = vector_now(slipped, begun, t, angle)
+        if cable.terms & PLASTICITY:
+            kappa = curvature(tangent_at(q, xi), bending_at(q, xi, cable.mesh.slope[b]))
+            n = natural_with(cable, b, j, n, slipping(cable, b, kappa, slipped))
+        store_three(cable.work.factors[j], NATURAL, n)
+        store_three(cable.work.factors[j], SLIPPED, slipped)
+
+
+@inline
+def factor_natural(cable, j, ta, ka, tb, kb, t, k):
+    """Add the natural and plastic curvature to the factors of sample j.
+
+    In the material frame they turn with theta and with the tangent: n.(t x k) changes by
+    dtheta (T x n).(t x k), and in second order of a change d of the unit tangent T by
+    (d.n) (d.(t x k)) / 2.
+    """
+    f = cable.work.factors
+    n = three(f[j], NATURAL)
     c0, c1 = dot(ta, ta), dot(tb, tb)
     e0, e1 = triple(n, ta, ka), triple(n, tb, kb)
     on_c, on_e = density_gradient(c0, c1, e0, e1)
@@ -410,6 +470,68 @@ def factor_natural(cable, b, j, ta, ka, tb, kb, t, k):
     store_three(f[j], NT, cross(n, t))
     store_three(f[j], XE, combined(2.0 * ec, tb, 0.0, tb))
     store_three(f[j], SKEW, combined(0.5 * on_e, n, 0.0, n))
+    if cable.terms & MATERIAL:
+        square, bent = 1.0 / dot(t, t), cross(t, k)
+        cube = square * sqrt(square)
+        q = combined(sqrt(square), cross(t, n), 0.0, n)
+        store_three(
+            f[j], T_THETA, combined(-0.5 * cube, cross(k, q), 1.5 * dot(q, bent) * cube * square, t)
+        )
+        store_three(f[j], K_THETA, combined(-0.5 * cube, cross(q, t), 0.0, t))
+        f[j, THETA] = 0.5 * cube * dot(n, bent)
+        store_three(f[j], LEAN, combined(-0.25 * cube * square, n, 0.0, n))
+        store_three(f[j], BINORMAL, bent)
+
+
+@inline
+def factor_flow(cable, b, j, t, k, stiffness):
+    """Add the plastic flow to the factors of sample j: minus the stiffness times
+    d kappa^T (d p / d kappa) d kappa, with the changes of the curvature normal to the tangent, and
+    in the material frame without its rotation by theta.
+    """
+    f, square = cable.work.factors, 1.0 / dot(t, t)
+    root = sqrt(square)
+    kappa, unit = combined(square * root, cross(t, k), 0.0, t), combined(root, t, 0.0, t)
+    along, across, e = slip_derivative(cable, b, kappa, three(f[j], SLIPPED))
+    add_flow(cable, j, 0, sqrt(stiffness * along), e, t, k, kappa)
+    add_flow(cable, j, 3, sqrt(stiffness * across), cross(unit, e), t, k, kappa)
+
+
+@inline
+def add_flow(cable, j, at, g, a, t, k, kappa):
+    """Add the dyad of g times the change of the curvature along a, normal to the tangent."""
+    f, square = cable.work.factors, 1.0 / dot(t, t)
+    root = sqrt(square)
+    cube = g * square * root
+    on_t = combined(cube, cross(k, a), -3.0 * g * square * dot(kappa, a), t)
+    on_k = combined(cube, cross(a, t), 0.0, t)
+    store_three(f[j], FLOW_T + at, on_t)
+    store_three(f[j], FLOW_K + at, on_k)
+    if cable.terms & MATERIAL:
+        turn = -g * root * dot(cross(t, kappa), a)
+        store_three(f[j], T_THETA, combined(1.0, three(f[j], T_THETA), -turn, on_t))
+        store_three(f[j], K_THETA, combined(1.0, three(f[j], K_THETA), -turn, on_k))
+        f[j, THETA] = f[j, THETA] - turn * turn
+
+
+@inline
+def factor_twist(cable, b, twist):
+    """Compute the factors of the twist at all samples of a block, to first order in the step.
+
+    The twisting moment M acts on r' as M G, with a change of M of `twist` GJ (G.dt + dtheta'), and
+    half the changes of G = t x k / |t|^3.
+    """
+    mesh, f = cable.mesh, cable.work.factors
+    for j in range(cable.samples):
+        t, k = three(f[j], T), three(f[j], K)
+        square, moment, bent = 1.0 / dot(t, t), cable.work.moment[b, j], cross(t, k)
+        cube = square * sqrt(square)
+        stiff, g = twist * cable.physics.GJ * mesh.weight[b, j], combined(cube, bent, 0.0, bent)
+        f[j, KAPPA] = stiff
+        store_three(f[j], G, g)
+        store_three(f[j], XG, combined(stiff, g, -1.5 * moment * square, t))
+        store_three(f[j], MT, combined(0.5 * moment * cube, t, 0.0, t))
+        store_three(f[j], MK, combined(0.5 * moment * cube, k, 0.0, k))
 
 
 @inline
@@ -440,6 +562,23 @@ def entry_of(cable, b, i, j, viscous):
                     skew = -skew
                 tk += skew
                 kt -= skew
+        if cable.terms & BISHOP:
+            tt += f[z, G + i] * f[z, XG + j]
+            if i != j:
+                turn, bend_ = f[z, MK + 3 - i - j], f[z, MT + 3 - i - j]
+                sign = 1.0 if (j - i) % 3 == 1 else -1.0
+                tt += sign * turn
+                tk -= sign * bend_
+            if cable.terms & MATERIAL:
+                tt += f[z, LEAN + i] * f[z, BINORMAL + j] + f[z, BINORMAL + i] * f[z, LEAN + j]
+        if cable.terms & PLASTICITY:
+            for at in range(0, 6, 3):
+                t_i, k_i = f[z, FLOW_T + at + i], f[z, FLOW_K + at + i]
+                t_j, k_j = f[z, FLOW_T + at + j], f[z, FLOW_K + at + j]
+                tt -= t_i * t_j
+                tk -= t_i * k_j
+                kt -= k_i * t_j
+                kk -= k_i * k_j
         if viscous != 0.0:
             t_j, n_i, n_j = f[z, T + j], f[z, NORMAL + i], f[z, NORMAL + j]
             g, q, inverse = f[z, VISCOUS], f[z, RATIO], f[z, INVERSE_C]
@@ -508,7 +647,7 @@ def add_products(h, one, next_, r):
 @inline
 def write_pairs(cable, b, i, j, h):
     """Write the Jacobian h in A, B, C of lines i and j, by control points, to `work.pairs`."""
-    m, pairs = cable.mesh.slopes, cable.work.pairs[cable.dim * i + j]
+    m, pairs = cable.mesh.slopes, cable.work.pairs[cable.lines * i + j]
     h0, h1, h2 = h
     for k in range(4):
         e0, e1, e2 = m[b, 3 * k], m[b, 3 * k + 1], m[b, 3 * k + 2]
@@ -521,12 +660,61 @@ def write_pairs(cable, b, i, j, h):
 
 
 @inline
+def write_twist(cable, b):
+    """Write the Jacobian between the twist line and all lines, as `write_pairs`, without the
+    torsional stiffness itself.
+    """
+    f, twist, mesh, zeros = cable.work.factors, cable.dim, cable.mesh, (zero(), zero(), zero())
+    for i in range(cable.dim):
+        h0 = h1 = h2 = h3 = h4 = zero()
+        for z in range(cable.samples):
+            y, v = mesh.xi[b, z], f[z, KAPPA] * f[z, G + i]
+            h0 += v
+            h1 += y * v
+            h2 += y * y * v
+            h3 += y * y * y * v
+            h4 += y * y * y * y * v
+        h = (h0, h1, h2), (h1, h2, h3), (h2, h3, h4)
+        write_pairs(cable, b, i, twist, h)
+        write_pairs(cable, b, twist, i, h)
+    write_pairs(cable, b, twist, twist, (zeros, zeros, zeros))
+    if not cable.terms & MATERIAL:
+        return
+    s, m, at = mesh.slope[b], mesh.slopes, MARGIN + LANES * b
+    for other in range(4):
+        for i in range(cable.dim):
+            g = zeros
+            for z in range(cable.samples):
+                y = mesh.xi[b, z]
+                e = basis_at(mesh, b, other, 1.0 / s, y)
+                g = add_sample(g, e * f[z, T_THETA + i], s * e * f[z, K_THETA + i], y)
+            for k in range(4):
+                value = m[b, 3 * k] * g[0] + m[b, 3 * k + 1] * g[1] + m[b, 3 * k + 2] * g[2]
+                add_to_pair(cable, i, twist, 4 * k + other, at + k, value)
+                add_to_pair(cable, twist, i, 4 * other + k, at + other, value)
+        for k in range(4):
+            value = zero()
+            for z in range(cable.samples):
+                y = mesh.xi[b, z]
+                e = basis_at(mesh, b, other, 1.0 / s, y) * basis_at(mesh, b, k, 1.0 / s, y)
+                value += f[z, THETA] * e
+            add_to_pair(cable, twist, twist, 4 * k + other, at + k, value)
+
+
+@inline
+def add_to_pair(cable, i, j, pair, at, value):
+    """Add to the entries between lines i and j of the spans of a block."""
+    pairs = cable.work.pairs[cable.lines * i + j]
+    store(pairs, pair, at, load(pairs, pair, at) + value)
+
+
+@inline
 def add_pairs(cable, scale, band):
     """band += scale times `work.pairs`, added up for each two control points."""
-    dim, sums = cable.dim, cable.work.pair_sums
-    for i in range(dim):
-        for j in range(dim):
-            pairs = cable.work.pairs[dim * i + j]
+    lines, sums = cable.lines, cable.work.pair_sums
+    for i in range(lines):
+        for j in range(lines):
+            pairs = cable.work.pairs[lines * i + j]
             for first in range(0, cable.n, LANES):
                 for apart in range(7):  # the other control point is number apart - 3 from it
                     entry = zero()
@@ -534,9 +722,9 @@ def add_pairs(cable, scale, band):
                         entry += load(pairs, 5 * k + apart - 3, MARGIN + first)
                     store(sums, apart, 0, scale * entry)
                 for point in range(min(LANES, cable.n - first)):
-                    row = band[(first + point) * dim + i]
+                    row = band[(first + point) * lines + i]
                     for apart in range(7):
-                        row[(apart + 1) * dim + j - i - 1] += sums[apart, point]
+                        row[(apart + 1) * lines + j - i - 1] += sums[apart, point]
 
 
 @inline

@@ -117,18 +117,6 @@ def form(matrix, x):
     return lane_sum(form_by_lanes(matrix, x))
 
 
-@kernel(float64, LINES, VECTOR)
-def difference_form(matrix, x):
-    """x^T A x of one line for a symmetric A with zero row sums: - sum_(i<j) A_ij (x_j - x_i)^2."""
-    sum_ = zero()
-    for c in range(MARGIN, len(x) - LANES, LANES):
-        here = load(x, c)
-        for k in range(1, 4):
-            apart = load(x, c + k) - here
-            sum_ -= load(matrix, 3 + k, c) * apart * apart
-    return lane_sum(sum_)
-
-
 @kernel(float64, CABLE, LINES)
 def kinetic(cable, v):
     """Kinetic energy v^T M v / 2 [J]."""

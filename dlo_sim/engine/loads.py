@@ -14,7 +14,7 @@ from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES
 from dlo_sim.engine.arrays import CABLE, LINES, LOADED, MARGIN
 from dlo_sim.engine.grasps import component
-from dlo_sim.terms.vectors import cross, dot
+from dlo_sim.terms.vectors import combined, cross, dot
 
 TORQUE, FREQUENCY = 3, 6  # entries of a load behind its force
 
@@ -80,12 +80,13 @@ def load_force(cable, x, t, out):
 @kernel(void, CABLE, LINES, float64, float64, LINES, terms=LOADED)
 def add_load_stiffness(cable, x, t, scale, band):
     """band -= scale times the Jacobian of the load forces: that of moments, by the tangent."""
-    dim, half = cable.dim, 4 * cable.dim - 1
-    for k in range(cable.loads.count):
+    dim, lines, half = cable.dim, cable.lines, 4 * cable.lines - 1
+    loads = cable.loads
+    for k in range(loads.count):
         m = moment_of(cable, k)
         if m[0] == 0.0 and m[1] == 0.0 and m[2] == 0.0:
             continue
-        slopes, first = cable.loads.slopes[k], cable.loads.first[k]
+        slopes, first = loads.slopes[k], loads.first[k]
         factor = amplitude_of(cable, k, t)
         tangent = load_tangent(cable, x, k)
         turning = cross(m, tangent)
@@ -101,4 +102,15 @@ def add_load_stiffness(cable, x, t, scale, band):
                 for q in range(4):
                     for r in range(4):
                         change = factor * value * (slopes[q] * slopes[r])
-                        band[(first + q) * dim + i, (r - q) * dim + j - i + half] -= scale * change
+                        band[(first + q) * lines + i, (r - q) * lines + j - i + half] -= (
+                            scale * change
+                        )
+        if lines > dim:
+            root = np.sqrt(inverse)
+            across = combined(root, m, -dot(m, tangent) * inverse * root, tangent)
+            for j in range(dim):
+                value = scale * factor * component(across, cable.axes[j])
+                for q in range(4):
+                    for r in range(4):
+                        change = value * loads.values[k, q] * slopes[r]
+                        band[(first + q) * lines + dim, (r - q) * lines + j - dim + half] -= change

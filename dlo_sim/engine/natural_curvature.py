@@ -14,12 +14,11 @@ from __future__ import annotations
 from numba import boolean, int64, void
 
 from dlo_sim.compiling.kernels import inline, kernel
-from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, zero
+from dlo_sim.compiling.lanes import lane_sum, sqrt, zero
 from dlo_sim.engine.arrays import (
     BENDING,
     CABLE,
     CURVED,
-    IMPLICIT,
     LINES,
     MATERIAL,
     PLASTICITY,
@@ -29,7 +28,6 @@ from dlo_sim.engine.plasticity import CURVATURE, TANGENT, curvature, slipping
 from dlo_sim.engine.spans import (
     add_cubic,
     add_sample,
-    basis_at,
     bending_at,
     curve,
     integrated,
@@ -86,19 +84,18 @@ def density_jacobian(c0, c1, e0, e1):
 
 
 @inline
-def natural_with(cable, b, j, p):
-    """Natural curvature plus p at quadrature point j of block b, times its weight and EI."""
-    mesh = cable.mesh
-    moment_weight = mesh.weight[b, j] * mesh.bending[b]
-    return combined(1.0, three(cable.state.natural[b, j], 0), moment_weight, p)
+def natural_with(cable, b, j, n, p):
+    """n plus p times the weight of quadrature point j of block b and EI."""
+    return combined(1.0, n, cable.mesh.weight[b, j] * cable.mesh.bending[b], p)
 
 
 @inline
 def natural_at(cable, b, j):
     """Natural plus plastic curvature at quadrature point j of block b, times its weight and EI."""
+    n = three(cable.state.natural[b, j], 0)
     if cable.terms & PLASTICITY:
-        return natural_with(cable, b, j, three(cable.state.plastic[b, j], 0))
-    return three(cable.state.natural[b, j], 0)
+        n = natural_with(cable, b, j, n, three(cable.state.plastic[b, j], 0))
+    return n
 
 
 @inline
@@ -152,7 +149,8 @@ def natural_force(cable, x0, x1, turn, push, out):
                     u, now = material_frame.unit(tangent_at(r, xi)), material_frame.unit(tb)
                     kappa = material_frame.transported(kappa, now, u)
                     kappa = material_frame.turned(kappa, u, -integrated(1.0 / s, angle1, xi))
-                n0 = natural_with(cable, b, j, slipping(cable, b, j, kappa))
+                slip = slipping(cable, b, kappa, three(state.plastic[b, j], 0))
+                n0 = natural_with(cable, b, j, n0, slip)
             n1 = n0
             on_t = (zero(), zero(), zero())
             on_angle = zero()
@@ -229,34 +227,3 @@ def follow_to_present(address):
     """`follow_natural` to the present shape, for callers from Python."""
     cable = cable_at(address)
     follow_natural(cable, cable.state.x)
-
-
-@kernel(void, CABLE, LINES, LINES, LINES, terms=CURVED, family=IMPLICIT)
-def add_natural_stiffness(cable, x0, x1, matrix):
-    """matrix += derivative with respect to theta at x1 of the discrete gradient on theta, to first
-    order in the step. Entry (i, i - k) of the symmetric matrix is at [k, i - k], k from 0 to 3.
-    """
-    mesh, shares = cable.mesh, cable.work.shares
-    for b in range(cable.blocks):
-        s = mesh.slope[b]
-        p, q = curve(cable, x0, b, 1.0), curve(cable, x1, b, 1.0)
-        r = curve(cable, cable.state.reference, b, 1.0)
-        angle0, angle1 = turn_polynomial(cable, b, x0), turn_polynomial(cable, b, x1)
-        for j in range(cable.samples):
-            xi = mesh.xi[b, j]
-            ta, tb = tangent_at(p, xi), tangent_at(q, xi)
-            ka, kb = bending_at(p, xi, s), bending_at(q, xi, s)
-            t, k = combined(0.5, ta, 0.5, tb), combined(0.5, ka, 0.5, kb)
-            angle = 0.5 * (integrated(1.0 / s, angle0, xi) + integrated(1.0 / s, angle1, xi))
-            m = vector_now(natural_at(cable, b, j), tangent_at(r, xi), t, angle)
-            shares[j] = -0.5 * density(m, t, k, dot(t, t))
-        for first in range(4):
-            for other in range(first + 1):
-                entry = zero()
-                for j in range(cable.samples):
-                    xi = mesh.xi[b, j]
-                    both = basis_at(mesh, b, first, 1.0 / s, xi)
-                    entry += shares[j] * both * basis_at(mesh, b, other, 1.0 / s, xi)
-                at = LANES * b + other
-                for span in range(min(LANES, cable.n - 3 - LANES * b)):
-                    matrix[first - other, at + span] += lane(entry, span)

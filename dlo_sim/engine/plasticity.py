@@ -29,7 +29,7 @@ from __future__ import annotations
 from numba import int64, void
 
 from dlo_sim.compiling.kernels import inline, kernel
-from dlo_sim.compiling.lanes import fabs, lane_sum, sqrt, zero
+from dlo_sim.compiling.lanes import fabs, lane_sum, sqrt, where, zero
 from dlo_sim.engine.arrays import PLASTIC, PLASTICITY, cable_at
 from dlo_sim.engine.spans import bending_at, curve, store_three, tangent_at, three
 from dlo_sim.engine.term import ENERGY, FLOW
@@ -67,10 +67,24 @@ def returned(cable, b, kappa, p):
 
 
 @inline
-def slipping(cable, b, j, kappa):
-    """Plastic curvature in the forces of a step that ends with kappa, at quadrature point j."""
-    share, p = cable.state.balance.slip, three(cable.state.plastic[b, j], 0)
+def slipping(cable, b, kappa, p):
+    """Plastic curvature in the forces of a step that begins with p and ends with kappa."""
+    share = cable.state.balance.slip
     return combined(1.0 - share, p, share, returned(cable, b, kappa, p))
+
+
+@inline
+def slip_derivative(cable, b, kappa, p):
+    """Half the derivative of the return mapping by kappa, where forces contain flow: along the
+    moment, and across it; and the unit vector of the moment.
+    """
+    stiffness, whole = cable.mesh.bending[b], stiffness_and_hardening(cable, b)
+    m = combined(stiffness, kappa, -whole, p)
+    moment = sqrt(dot(m, m)) + TINY
+    held = cable.physics.yield_moment / moment
+    flows = 0.5 if cable.state.balance.slip > 0.0 else 0.0
+    change = where(1.0 - held, flows * stiffness / (whole + TINY), 0.0)
+    return change, change * (1.0 - held), combined(1.0 / moment, m, 0.0, m)
 
 
 @kernel(*ENERGY, terms=PLASTICITY)
@@ -101,7 +115,7 @@ def plastic_flow(cable):
             kappa, t = curvature(t, k), unit(t)
             p, kappa_before = three(row, 0), three(row, CURVATURE)
             moved = combined(1.0, kappa, -1.0, kappa_before)
-            work = -dot(slipping(cable, b, j, kappa), moved) - dot(p, kappa_before)
+            work = -dot(slipping(cable, b, kappa, p), moved) - dot(p, kappa_before)
             # Smallest rotation from the old tangent to t, applied to p normal to the old one; both
             # are t already in the material frame.
             h = combined(1.0, three(row, TANGENT), 1.0, t)

@@ -349,24 +349,24 @@ def fill_side(cable, directions, p, a, b, s, t, first):
     moves along each line for a unit change of the unknowns `work.pair_at`, in the frames of the
     clamps. Returns the number of unknowns.
     """
-    work, chain, dim = cable.work, cable.chain, cable.dim
+    work, chain, lines = cable.work, cable.chain, cable.lines
     _, _, i, j = pair_of(cable, cable.state.pair[0, p])
     spare, at, side = work.step, work.pair_at, work.pair_side
     count = 0
-    for r in range(a * dim, (b + 4) * dim):
-        if r < (a + 4) * dim or r >= b * dim:
+    for r in range(a * lines, (b + 4) * lines):
+        if r < (a + 4) * lines or r >= b * lines:
             at[count] = r
             count += 1
-    for line in range(dim):
+    for line in range(cable.dim):
         for k in range(count):
             spare[at[k]] = 0.0
         for k in range(4):
             value = (1.0 - s) * lane(chain.basis[a // LANES, i][k], a % LANES)
             value += s * lane(chain.basis[a // LANES, i + 1][k], a % LANES)
-            spare[(a + k) * dim + line] += value
+            spare[(a + k) * lines + line] += value
             value = (1.0 - t) * lane(chain.basis[b // LANES, j][k], b % LANES)
             value += t * lane(chain.basis[b // LANES, j + 1][k], b % LANES)
-            spare[(b + k) * dim + line] -= value
+            spare[(b + k) * lines + line] -= value
         turn_vector(cable, directions, YES, spare, 0)
         clear_held(cable, spare, 0)
         for k in range(count):

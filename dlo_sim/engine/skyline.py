@@ -22,9 +22,9 @@ from dlo_sim.engine.arrays import CABLE, LINES, PADDING, SELF, VECTOR
 @inline
 def begin_skyline(cable):
     """The skyline of the band alone."""
-    begin, dim = cable.work.skyline_begin, cable.dim
+    begin, lines = cable.work.skyline_begin, cable.lines
     for r in range(len(begin)):
-        begin[r] = max(r - r % dim - 3 * dim, 0)
+        begin[r] = max(r - r % lines - 3 * lines, 0)
 
 
 @inline
@@ -32,16 +32,16 @@ def reach_to(cable, first, other):
     """Let the four control points from `other` on couple with those from `first` on, which is not
     larger.
     """
-    begin, dim = cable.work.skyline_begin, cable.dim
-    for r in range(dim * other, dim * (other + 4)):
-        begin[r] = min(begin[r], dim * first)
+    begin, lines = cable.work.skyline_begin, cable.lines
+    for r in range(lines * other, lines * (other + 4)):
+        begin[r] = min(begin[r], lines * first)
 
 
 @kernel(boolean, CABLE, LINES, terms=SELF)
 def open_skyline(cable, band):
     """Copy the band matrix into the skyline; returns whether there is room."""
-    work, dim = cable.work, cable.dim
-    sky, begin, place, half = work.skyline, work.skyline_begin, work.skyline_place, 4 * dim - 1
+    work, half = cable.work, 4 * cable.lines - 1
+    sky, begin, place = work.skyline, work.skyline_begin, work.skyline_place
     at = 0
     for r in range(len(begin)):
         place[r] = at

@@ -276,7 +276,7 @@ def slide_tangent(cable, slips, x0, x1, scale, band):
     """band += scale times minus the Jacobian of the forces of a step with respect to x1, at fixed
     u1; or with `slips` false, scale/2 times that of U.
     """
-    dim, half = cable.dim, 4 * cable.dim - 1
+    dim, lines, half = cable.dim, cable.lines, 4 * cable.lines - 1
     for k in range(cable.slides.count):
         u0 = cable.state.slide[k]
         if u0 == LOST:
@@ -295,10 +295,10 @@ def slide_tangent(cable, slips, x0, x1, scale, band):
                 value = law[STIFFNESS] * (value + (1.0 if i == j else 0.0))
                 turn = law[TURNING] if i == j else 0.0
                 for p in range(4):
-                    row = band[(end[0] + p) * dim + i]
+                    row = band[(end[0] + p) * lines + i]
                     for q in range(4):
                         both = value * end[1][p] * end[1][q] + turn * end[2][p] * end[2][q]
-                        row[(q - p) * dim + j - i + half] += 0.5 * scale * both
+                        row[(q - p) * lines + j - i + half] += 0.5 * scale * both
 
 
 # -- the grippers and the account ----------------------------------------------------------------

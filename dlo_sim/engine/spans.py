@@ -27,6 +27,21 @@ def coefficients(mesh, b, line):
 
 
 @inline
+def twist_rate(cable, x, b):
+    """A, B, C of theta' on the spans of a block, from differences between control points: free of
+    cancellation for any offset, such as the angle after a thousand turns.
+    """
+    at, m, line = MARGIN + LANES * b, cable.mesh.slopes, x[cable.dim]
+    here = load(line, at + 1)
+    q0, q2, q3 = load(line, at) - here, load(line, at + 2) - here, load(line, at + 3) - here
+    return (
+        m[b, 0] * q0 + m[b, 6] * q2 + m[b, 9] * q3,
+        m[b, 1] * q0 + m[b, 7] * q2 + m[b, 10] * q3,
+        m[b, 2] * q0 + m[b, 8] * q2 + m[b, 11] * q3,
+    )
+
+
+@inline
 def curve(cable, x, b, straight):
     """A, B, C of all spatial lines; `straight` times a unit tangent on lanes beyond the last."""
     mesh = cable.mesh

@@ -91,28 +91,6 @@ def roll_loss(cable, change):
     return lost, driven
 
 
-@inline
-def add_roll_stiffness(cable, matrix):
-    """matrix += stiffness of the roll springs; the lower diagonals, entry (i + k, i) at [k, i]."""
-    points = cable.points
-    for k in range(cable.rows.springs):
-        if rolls(cable, k):
-            point = cable.rows.point[row_of(cable, k)]
-            b, begin = points.weights[point], points.first[point]
-            for p in range(4):
-                for q in range(p + 1):
-                    matrix[p - q, begin + q] += spring_stiffness(cable, k) * (b[p] * b[q])
-
-
-@inline
-def add_roll_change(cable, moved, out):
-    """out += change of the moments of the roll springs by a change `moved` of the twist line."""
-    for k in range(cable.rows.springs):
-        if rolls(cable, k):
-            stiffness = spring_stiffness(cable, k)
-            push(cable, k, -stiffness * spring_value(cable, k, moved), out)
-
-
 @kernel(float64, CABLE, LINES, terms=SPRUNG)
 def spring_energy(cable, x):
     """Elastic energy of the springs [J]."""

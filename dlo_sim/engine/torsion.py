@@ -1,4 +1,4 @@
-"""Twist relative to the Frenet torsion gamma: the part of its energy that depends on gamma.
+"""Twist relative to the Frenet torsion gamma.
 
 With t = r', k = r'', c = r''' and C = t x k the torsion of the centreline is gamma = C.c / |C|^2,
 which is 0/0 on a straight cable and at an inflection. It is regularised as
@@ -8,23 +8,23 @@ smooth, zero on a straight cable, and bounded by |c| / (2 delta). The limits: wh
 delta, torsion is reduced by more than half; those samples are counted. The jump of the Frenet frame
 by half a turn at an inflection does not appear at all.
 
-GJ/2 (theta' - gamma)^2 is GJ/2 theta'^2, the plain twist term, plus
-GJ (gamma^2 / 2 - theta' gamma), which is here. Three dimensions only.
+The energy GJ/2 (theta' - gamma)^2 counts as that of the twist, GJ/2 theta'^2, and of the torsion,
+GJ (gamma^2 / 2 - theta' gamma). Three dimensions only.
 """
 
 from __future__ import annotations
 
 from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES, lane, lane_sum, zero
-from dlo_sim.engine.arrays import TORSION, TORSIONAL
+from dlo_sim.engine.arrays import TORSION, TORSIONAL, TWISTING
 from dlo_sim.engine.spans import (
     add_sample,
     bending_at,
-    coefficients,
     curve,
     scatter,
     scatter_lines,
     tangent_at,
+    twist_rate,
 )
 from dlo_sim.engine.term import ENERGY, FORCE
 from dlo_sim.terms.vectors import cross, dot
@@ -48,7 +48,7 @@ def density_gradient(stiffness, floor, t, k, third, rate):
         f * (third[1] - 2.0 * gamma * b[1]),
         f * (third[2] - 2.0 * gamma * b[2]),
     )
-    return cross(k, e), cross(e, t), (f * b[0], f * b[1], f * b[2]), -stiffness * gamma
+    return cross(k, e), cross(e, t), (f * b[0], f * b[1], f * b[2]), stiffness * (rate - gamma)
 
 
 @inline
@@ -58,19 +58,13 @@ def third_derivative(p, slope):
     return f * p[0][2], f * p[1][2], f * p[2][2]
 
 
-@inline
-def angle_block(cable, x, b):
-    """Coefficients of theta' on the spans of a block."""
-    return coefficients(cable.mesh, b, x[cable.dim])
-
-
 @kernel(*FORCE, terms=TORSION)
 def force(cable, _, x, out):
     """out -= gradient of the energy."""
     mesh, floor = cable.mesh, cable.physics.torsion_floor
     for b in range(cable.blocks):
         s = mesh.slope[b]
-        p, angle = curve(cable, x, b, 1.0), angle_block(cable, x, b)
+        p, angle = curve(cable, x, b, 1.0), twist_rate(cable, x, b)
         third, f = third_derivative(p, s), 2.0 * s * s
         g0 = g1 = g2 = turn = (zero(), zero(), zero())
         for j in range(cable.samples):
@@ -92,17 +86,19 @@ def force(cable, _, x, out):
 
 @kernel(*ENERGY, terms=TORSION)
 def energy(cable, x, out):
-    """Add the energy [J]."""
-    mesh, floor, sum_ = cable.mesh, cable.physics.torsion_floor, zero()
+    """Add the energies [J]."""
+    mesh, floor, twisting, sum_ = cable.mesh, cable.physics.torsion_floor, zero(), zero()
     for b in range(cable.blocks):
         s = mesh.slope[b]
-        p, angle = curve(cable, x, b, 1.0), angle_block(cable, x, b)
+        p, angle = curve(cable, x, b, 1.0), twist_rate(cable, x, b)
         third = third_derivative(p, s)
         for j in range(cable.samples):
             xi, w = mesh.xi[b, j], cable.physics.GJ * mesh.weight[b, j]
             rate = angle[0] + xi * (angle[1] + xi * angle[2])
             gamma = torsion_of(floor, tangent_at(p, xi), bending_at(p, xi, s), third)[0]
+            twisting += 0.5 * w * rate * rate
             sum_ += w * gamma * (0.5 * gamma - rate)
+    out[TWISTING] += lane_sum(twisting)
     out[TORSIONAL] += lane_sum(sum_)
 
 

@@ -10,8 +10,8 @@ from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, NO, YES, inline, kernel
-from dlo_sim.engine import account, contact
-from dlo_sim.engine.arrays import BETWEEN, CABLE, CONTACT, PADDING, TWISTED, cable_at
+from dlo_sim.engine import account, bishop, contact
+from dlo_sim.engine.arrays import BETWEEN, BISHOP, CABLE, CONTACT, PADDING, TWISTED, cable_at
 from dlo_sim.engine.assembly import (
     add_damping,
     all_forces,
@@ -24,6 +24,7 @@ from dlo_sim.engine.band import (
     clear_held,
     eliminate,
     hold,
+    hold_unknown,
     keep_border,
     keep_border_transposed,
     set_border,
@@ -147,48 +148,53 @@ def forces_now(address, t, out):
 
 @kernel(void, int64, boolean)
 def stiffness(address, moments):
-    """`set_stiffness` with the tension of the present shape, and with `moments` that of the applied
-    moments, which depend on the tangent, at time zero.
+    """`set_stiffness` of shape and twist with the tension of the present shape, and with `moments`
+    that of the applied moments, which depend on the tangent, at time zero.
     """
     cable = cable_at(address)
-    set_stiffness(cable, NO)
+    set_stiffness(cable, NO, YES)
     if moments:
         add_load_stiffness(cable, cable.state.x, 0.0, 1.0, cable.work.band)
 
 
-@kernel(void, CABLE, boolean)
-def set_stiffness(cable, predicted):
-    """`work.band` = Hessian of the potential energy with respect to the spatial lines, if
-    `predicted` with the predicted tension (`engine.tension`) instead of that of the present shape.
+@kernel(void, CABLE, boolean, boolean)
+def set_stiffness(cable, predicted, twist):
+    """`work.band` = Hessian of the potential energy, if `predicted` with the predicted tension
+    (`engine.tension`) instead of that of the present shape. Without `twist` the twist of all places
+    is given, and its equations are those of the identity.
     """
     band, x = cable.work.band, cable.state.x
     if not predicted:
         take_tension(cable, x, x)
     clear_band(band)
-    discrete_jacobian(cable, x, x, 0.0, 2.0, band)
+    bishop.force(cable, x, x, cable.work.rate)  # sets the moment
+    discrete_jacobian(cable, x, x, 0.0, 0.5 if twist else 0.0, 2.0, band)
     if cable.terms & CONTACT:
-        contact.add_force(cable, NO, NO, x, cable.work.rate)
+        contact.add_force(cable, NO, x, cable.work.rate)
         contact.add_tangent(cable, NO, 2.0, band)
     add_springs(cable, 1.0, band)
     slide_tangent(cable, NO, x, x, 2.0, band)
+    if not twist and cable.terms & BISHOP:
+        for i in range(cable.n):
+            hold_unknown(cable.lines, i * cable.lines + cable.dim, band)
 
 
 @kernel(int64, int64, ARRAY_2D, boolean, family=BETWEEN)
 def solve_held(address, unknowns, transposed):
-    """Solve K y = unknowns, or K^T y = unknowns, for every row of the unknowns (m, n dim), in place
-    with the constraint rows imposed; K in `work.band` is overwritten.
+    """Solve K y = unknowns, or K^T y = unknowns, for every row of the unknowns (m, n lines), with
+    the constraint rows imposed, in place; K in `work.band` is overwritten.
 
     Returns the number of negative pivots, for a symmetric matrix that of negative eigenvalues, or
     -1 if a pivot is not usable.
     """
     cable, sides = cable_at(address), grid(unknowns)
-    dim, size = cable.dim, cable.n * cable.dim
+    lines, size = cable.lines, cable.n * cable.lines
     band, z, directions = cable.work.band, cable.work.residual, cable.state.direction
     cable.work.results.coupled = 0.0
     hold(cable, directions, directions, band)
     set_border(cable, directions, directions)
     stiffen_border(cable, band)
-    if not eliminate(band, size, dim):
+    if not eliminate(band, size, lines):
         return -1
     solve_border(cable, band, 1.0)
     for side in range(len(sides)):
@@ -197,18 +203,18 @@ def solve_held(address, unknowns, transposed):
         turn_vector(cable, directions, YES, z, PADDING)
         if transposed:
             keep_border_transposed(cable, z)
-            substitute_transposed(band, size, dim, z)
+            substitute_transposed(band, size, lines, z)
             clear_held(cable, z, PADDING)
         else:
             clear_held(cable, z, PADDING)
-            substitute(band, size, dim, z)
+            substitute(band, size, lines, z)
             keep_border(cable, z)
         turn_vector(cable, directions, NO, z, PADDING)
         for r in range(size):
             sides[side, r] = z[PADDING + r]
     negative = 0
     for r in range(size):
-        if band[r, 4 * dim - 1] < 0.0:
+        if band[r, 4 * lines - 1] < 0.0:
             negative += 1
     return negative
 

@@ -1,7 +1,7 @@
 """Implicit steps: the energy-momentum method and the implicit midpoint rule.
 
 **The equations.** A step of length tau leads from the configuration q0 with velocity v0 to q1. With
-v1 = 2 (q1 - q0) / tau - v0, the momentum balance M (v1 - v0) / tau = f of the spatial lines is
+v1 = 2 (q1 - q0) / tau - v0, the momentum balance M (v1 - v0) / tau = f is
     M (a (q1 - q0) - b v0) = f(q0, q1) + E^T lambda,   B q1 = targets at the end of the step,
     a = 2 / tau^2,   b = 2 / tau,
 with the mass matrix M and the reactions lambda of the grasps along their constraint rows, E at the
@@ -11,7 +11,9 @@ and damping at the middle of the step, and the elastic forces: those at (q0 + q1
 balance with q1 - q0 = tau (v0 + v1) / 2 is the change of the kinetic energy, so with the discrete
 gradient the energy is exact.
 
-The twist line is always integrated by the midpoint rule (`methods.twist_step`).
+Twist and shape are found together. Quasistatic twist, without inertia, and roll springs act with
+their moments at the end of the step: the midpoint rule with internal damping of half a step, so
+that what is stiff does not ring.
 
 **The solution.** `begin_step` predicts q1 and moves the constraint rows to their targets. Then the
 forces (`step_force`), the residual of the momentum balance (`set_residual`) and a correction
@@ -32,7 +34,7 @@ from numba import boolean, float64, int64, void
 from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.kernels import NO, YES, inline, kernel
 from dlo_sim.compiling.lanes import LANES, fabs, lane_sum, where, zero
-from dlo_sim.engine import contact, self_contact
+from dlo_sim.engine import bishop, contact, self_contact
 from dlo_sim.engine.account import RESOLUTION
 from dlo_sim.engine.arrays import (
     BISHOP,
@@ -40,14 +42,12 @@ from dlo_sim.engine.arrays import (
     CONTACT,
     DAMPED,
     IMPLICIT,
-    IN_ROLLING_BAND,
     IN_SKYLINE,
     IN_STATE,
     MARGIN,
     METHOD,
     MOST_CORRECTIONS,
     PADDING,
-    ROLLING,
     SELF,
     SLIDING,
     STATIC_TWIST,
@@ -77,6 +77,8 @@ from dlo_sim.engine.band import (
     solve_border,
     stiffen_border,
     substitute,
+    to_lines,
+    to_unknowns,
     turn_vector,
 )
 from dlo_sim.engine.lines import (
@@ -88,14 +90,9 @@ from dlo_sim.engine.lines import (
     difference,
     inner,
     kinetic,
+    mass_of,
 )
 from dlo_sim.engine.loads import add_load_stiffness, load_force
-from dlo_sim.engine.rolling import (
-    eliminate_impulses,
-    eliminate_rolling,
-    rolls,
-    substitute_with_twist,
-)
 from dlo_sim.engine.rows import (
     add_shifts,
     add_velocity_of_held,
@@ -137,7 +134,6 @@ from dlo_sim.engine.tension import (
     take_tension,
     unpredicted,
 )
-from dlo_sim.methods.twist_step import end_twist, step_twist, twist_matrix
 
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_BOLD = 20  # the same before corrections that overshoot are shortened
@@ -347,6 +343,15 @@ def undo_step(cable):
 
 
 @inline
+def twist_damping(cable, tau):
+    """Internal damping of the twist, beta / tau [-], with that of half a step without inertia."""
+    share = 0.5 if cable.terms & STATIC_TWIST else 0.0
+    if cable.terms & DAMPED:
+        share += cable.physics.beta_twist / tau
+    return share
+
+
+@inline
 def is_viscous(cable):
     """Whether stretching or bending has internal damping."""
     physics = cable.physics
@@ -370,11 +375,13 @@ def step_force(cable, t0, tau, discrete):
     viscous = 1.0 / tau if is_viscous(cable) else 0.0
     begin, end = (work.start, cable.state.x) if discrete else (middle, middle)
     lost = discrete_gradient(cable, begin, end, change, viscous, force)
+    lost += bishop.step_force(cable, work.start, end, twist_damping(cable, tau), discrete, force)
     if cable.terms & CONTACT:
-        contact.add_force(cable, YES, cable.terms & ROLLING != 0, cable.state.x, force)
+        contact.add_force(cable, YES, cable.state.x, force)
     if cable.terms & SELF:
         self_contact.add_force(cable, 1.0 / tau, cable.state.x, force)
     spring_force(cable, middle, 0.5, NO, force)
+    spring_force(cable, cable.state.x, 1.0, YES, force)
     lost += step_slides(cable, work.start, cable.state.x, force)
     if cable.loads.count:
         load_force(cable, middle, t0 + 0.5 * tau, work.load)
@@ -393,16 +400,15 @@ def take_reactions(cable, directions, out):
     """Write the forces of the grasps that balance `residual` to `out` (rows,), in a residual that
     becomes one in the frames of the clamps, with directions (rows, 3).
     """
-    residual, dim = cable.work.residual, cable.dim
+    residual = cable.work.residual
     turn_vector(cable, directions, YES, residual, PADDING)
     balance_border(cable, residual, out)
     for k in range(cable.rows.count):
-        own, line = own_point(cable, k), cable.rows.line[k]
-        if own >= 0 and line < dim:
-            entry = line  # of the control point that the row fixes
-            if line < 0:
+        own, entry = cable.points.own[cable.rows.point[k]], cable.rows.line[k]
+        if own >= 0:
+            if entry < 0:  # of the control point that the row fixes
                 entry = 1 if clamps_here(cable, k) else 2
-            out[k] = -residual[PADDING + own * dim + entry]
+            out[k] = -residual[PADDING + own * cable.lines + entry]
 
 
 @kernel(float64, CABLE, float64, float64, family=IMPLICIT)
@@ -410,38 +416,34 @@ def set_residual(cable, a, b):
     """Set `residual` to that of the momentum balance, in the frames of the clamps, and `row_force`
     to the reactions of the constraint rows. Returns the sum |inertia_i change_i| [J].
     """
-    work, dim = cable.work, cable.dim
+    work, lines = cable.work, cable.lines
     change, rate, inertia, residual = work.change, work.rate, work.inertia, work.residual
     energy = 0.0
-    for d in range(dim):
+    for d in range(lines):
         for i in range(0, cable.columns, LANES):
             store(rate, d, i, a * load(change, d, i) - b * load(work.start_v, d, i))
             store(inertia, d, i, 0.0)
-        add_product(cable.linear.mass[0], 1.0, rate[d], inertia[d])
+        add_product(mass_of(cable, d), 1.0, rate[d], inertia[d])
         for i in range(cable.n):
             push = inertia[d, MARGIN + i]
             energy += abs(push * change[d, MARGIN + i])
-            residual[PADDING + i * dim + d] = work.force[d, MARGIN + i] - push
+            residual[PADDING + i * lines + d] = work.force[d, MARGIN + i] - push
     take_reactions(cable, work.middle_direction, work.row_force)
     clear_held(cable, residual, PADDING)
     return energy
 
 
 @inline
-def factorize(cable, tau, discrete, matrix):
-    """LU factors of the band matrix, with the couplings where the cable presses on itself or
-    rolls; returns whether they exist.
+def factorize(cable, matrix):
+    """LU factors of the band matrix, with the couplings where the cable presses on itself; returns
+    whether they exist.
     """
     results, pushed, kept = cable.work.results, cable.work.middle_direction, cable.state.direction
     results.coupled = IN_STATE
     self_contact.couple(cable, pushed, kept, matrix)
     if results.coupled == IN_SKYLINE:
         return eliminate_skyline(cable)
-    if rolls(cable):
-        results.coupled = IN_ROLLING_BAND
-        twist_matrix(cable, tau, discrete)
-        return eliminate_rolling(cable, pushed, kept, matrix, NO)
-    return eliminate(matrix, cable.n * cable.dim, cable.dim)
+    return eliminate(matrix, cable.n * cable.lines, cable.lines)
 
 
 @kernel(boolean, CABLE, float64, float64, float64, boolean, family=IMPLICIT)
@@ -454,15 +456,15 @@ def newton_matrix(cable, t0, tau, a, discrete):
     state, work = cable.state, cable.work
     matrix, middle = state.matrix, work.middle
     clear_band(matrix)
-    add_lines(cable, cable.linear.mass[0], a, matrix)
+    add_lines(cable, cable.linear.mass, a, matrix)
     viscous = 0.0
     if cable.terms & DAMPED:
-        add_lines(cable, cable.linear.damping[0], 1.0 / tau, matrix)
+        add_lines(cable, cable.linear.damping, 1.0 / tau, matrix)
         add_damping_tangent(cable, middle, work.change, 1.0 / tau, matrix)
         if is_viscous(cable):
             viscous = 1.0 / tau
     begin, end = (work.start, state.x) if discrete else (middle, middle)
-    discrete_jacobian(cable, begin, end, viscous, 1.0, matrix)
+    discrete_jacobian(cable, begin, end, viscous, 0.5 + twist_damping(cable, tau), 1.0, matrix)
     if cable.terms & CONTACT:
         contact.add_tangent(cable, YES, 1.0, matrix)
     add_springs(cable, 0.5, matrix)
@@ -471,7 +473,7 @@ def newton_matrix(cable, t0, tau, a, discrete):
     hold(cable, work.middle_direction, state.direction, matrix)
     stiffen_border(cable, matrix)
     state.balance.matrix_weight = 0.0
-    if not factorize(cable, tau, discrete, matrix):
+    if not factorize(cable, matrix):
         return False
     solve_border(cable, matrix, 0.5)
     # Other factors are in working memory, and so lost after the step.
@@ -498,16 +500,13 @@ def dot(padded, s):
 
 
 @inline
-def to_lines(cable, number):
-    """`nudge` = correction `number`, in world coordinates by line."""
-    work, dim = cable.work, cable.dim
-    step, correction = work.step, work.corrections[number]
+def take_nudge(cable, number):
+    """`nudge` = correction `number`, in world coordinates."""
+    step, correction = cable.work.step, cable.work.corrections[number]
     for r in range(len(step)):
         step[r] = correction[r]
     turn_vector(cable, cable.state.direction, NO, step, 0)
-    for d in range(dim):
-        for i in range(cable.n):
-            work.nudge[d, MARGIN + i] = step[i * dim + d]
+    to_lines(cable, step, 0, cable.work.nudge)
 
 
 @inline
@@ -520,13 +519,26 @@ def move(cable, share):
 @inline
 def shorten(cable, number, before, share):
     """Leave this share of correction `number`, of which x and the tension contain `before`."""
-    to_lines(cable, number)
+    take_nudge(cable, number)
     move(cable, share - before)
     shorten_tension(cable, share / before)
 
 
 @inline
-def correct(cable, known, discrete, allowed):
+def overlap(cable, padded, s):
+    """`dot` of two corrections, an angle of the twist counted as the way of a span that it turns:
+    Broyden's method depends on the units.
+    """
+    sum_, lines = dot(padded, s), cable.lines
+    if cable.terms & BISHOP:
+        arm = cable.physics.shortest_span
+        for r in range(cable.dim, cable.n * lines, lines):
+            sum_ += (arm * arm - 1.0) * padded[PADDING + r] * s[r]
+    return sum_
+
+
+@inline
+def correct(cable, known, discrete, allowed, reach):
     """Solve for the next correction by Broyden's method, predict the tension that it causes, unless
     it cannot matter (`tension.may_stretch`), and add it to x and `change`.
 
@@ -535,46 +547,51 @@ def correct(cable, known, discrete, allowed):
     s = z / (1 - s_last.z / |s_last|^2) (Kelley 1995, section 7.3).
 
     Returns sum |r_i s_i|, r.s, the energy error sum |r_i change_i| [J] before this correction,
-    the largest entry of s, and whether the tension was predicted.
+    the largest entry of s, as a share of the largest coordinate `reach` or of 1 rad plus the
+    largest angle, and whether the tension was predicted.
     """
-    state, work, dim = cable.state, cable.work, cable.dim
-    size = cable.n * dim
+    state, work, lines = cable.state, cable.work, cable.lines
+    size = cable.n * lines
     z, unbalanced, corrections = work.residual, work.unbalanced, work.corrections
     for r in range(size):
         unbalanced[r] = z[PADDING + r]
     solve(cable, state.matrix, z)
     keep_border(cable, z)
     for j in range(known):
-        along = dot(z, corrections[j]) * work.correction_scale[j]
+        along = overlap(cable, z, corrections[j]) * work.correction_scale[j]
         if j + 1 < known:
             for r in range(size):
                 z[PADDING + r] += along * corrections[j + 1, r]
         elif abs(along) < TRUSTED:
             for r in range(size):
                 z[PADDING + r] /= 1.0 - along
-    energy, slope, largest_entry = 0.0, 0.0, 0.0
+    energy, slope = 0.0, 0.0
     for r in range(size):
         s = z[PADDING + r]
         corrections[known, r] = s
         energy += abs(s * unbalanced[r])
         slope += s * unbalanced[r]
-        largest_entry = max(largest_entry, abs(s))
-    work.correction_scale[known] = 1.0 / max(dot(z, corrections[known]), SMALLEST)
-    to_lines(cable, known)
-    stretched = may_stretch(cable, largest_entry, allowed) or cable.physics.keeps_length != 0.0
+    work.correction_scale[known] = 1.0 / max(overlap(cable, z, corrections[known]), SMALLEST)
+    take_nudge(cable, known)
+    moved = largest(work.nudge, 0, cable.dim)
+    stretched = may_stretch(cable, moved, allowed) or cable.physics.keeps_length != 0.0
+    moved /= reach
+    if cable.terms & BISHOP:
+        turned = largest(work.nudge, cable.dim, lines)
+        moved = max(moved, turned / (1.0 + largest(state.x, cable.dim, lines)))
     if stretched:
         begin, end = (work.start, state.x) if discrete else (work.middle, work.middle)
         elastic = 1.0 - cable.physics.keeps_length
         predict_tension(cable, begin, end, work.nudge, elastic)
     move(cable, 1.0)
     step, defect = work.step, 0.0
-    for d in range(dim):
+    for d in range(lines):
         for i in range(cable.n):
-            step[i * dim + d] = work.change[d, MARGIN + i]
+            step[i * lines + d] = work.change[d, MARGIN + i]
     turn_vector(cable, state.direction, YES, step, 0)
     for r in range(size):
         defect += abs(step[r] * unbalanced[r])
-    return energy, slope, defect, largest_entry, stretched
+    return energy, slope, defect, moved, stretched
 
 
 @inline
@@ -585,10 +602,10 @@ def shortened(before, after):
 
 
 @inline
-def largest(x, lines):
-    """Largest absolute value in the first `lines` lines."""
+def largest(x, begin, end):
+    """Largest absolute value in the lines from `begin` on, before `end`."""
     value = 0.0
-    for line in range(lines):
+    for line in range(begin, end):
         for c in range(x.shape[1]):
             value = max(value, abs(x[line, c]))
     return value
@@ -657,7 +674,7 @@ def settle_overdamped(cable, moves, tau):
     unless that would add energy.
     z / (1 + z) comes from the Newton matrix of the step, 2 / tau^2 M (1 + z).
     """
-    state, work, dim = cable.state, cable.work, cable.dim
+    state, work, dim, lines = cable.state, cable.work, cable.dim, cable.lines
     w, change, mass = state.w, work.change, cable.linear.mass[0]
     before = state.history[1]
     apart, push, step, solved = work.rate, work.inertia, work.step, work.residual
@@ -679,18 +696,17 @@ def settle_overdamped(cable, moves, tau):
         clear(push)
         for d in range(dim):
             add_product(mass, 2.0 / (tau * tau), apart[d], push[d])
-            for i in range(cable.n):
-                solved[PADDING + i * dim + d] = push[d, MARGIN + i]
+        to_unknowns(cable, push, solved)
         turn_vector(cable, work.middle_direction, YES, solved, PADDING)
         clear_held(cable, solved, PADDING)
         solve(cable, state.matrix, solved)
         keep_border(cable, solved)
-        for r in range(cable.n * dim):
+        for r in range(cable.n * lines):
             step[r] = solved[PADDING + r]
         turn_vector(cable, state.direction, NO, step, 0)
         for d in range(dim):
             for i in range(cable.n):
-                apart[d, MARGIN + i] -= step[i * dim + d]
+                apart[d, MARGIN + i] -= step[i * lines + d]
     if moves:
         project(cable, apart, work.multipliers)
     clear(push)
@@ -716,7 +732,7 @@ def stop_contacts(cable, t, tau):
     With M and the velocities v, the change s solves (M + penalty) s = impulses at v, within the
     constraints of the grasps. Which samples friction holds is found by trying.
     """
-    state, work, dim = cable.state, cable.work, cable.dim
+    state, work, lines = cable.state, cable.work, cable.lines
     before, v, push, solved = work.v0, work.v1, work.inertia, work.residual
     copy(state.w, before)
     add_velocity_of_held(cable, state.x, t, before)
@@ -729,37 +745,27 @@ def stop_contacts(cable, t, tau):
         clear(push)
         clear_band(band)
         contact.add_impulses(cable, before, push, band)
-        add_lines(cable, cable.linear.mass[0], 1.0, band)
+        add_lines(cable, cable.linear.mass, 1.0, band)
         hold(cable, directions, directions, band)
         set_border(cable, directions, directions)
         stiffen_border(cable, band)
         work.results.coupled = IN_STATE
-        if cable.terms & ROLLING:
-            work.results.coupled = IN_ROLLING_BAND
-            done = eliminate_impulses(cable, directions, band)
-        else:
-            done = eliminate(band, cable.n * dim, dim)
-        if not done:  # not for positive masses
+        if not eliminate(band, cable.n * lines, lines):  # not for positive masses
             contact.clear_stopped(cable)
             return 0.0
         solve_border(cable, band, SOFT)
-        for d in range(dim):
-            for i in range(cable.n):
-                solved[PADDING + i * dim + d] = push[d, MARGIN + i]
+        to_unknowns(cable, push, solved)
         turn_vector(cable, directions, YES, solved, PADDING)
         clear_held(cable, solved, PADDING)
         copy(before, v)
-        if cable.terms & ROLLING:
-            substitute_with_twist(cable, push, solved, v)
-        else:
-            substitute(band, cable.n * dim, dim, solved)
+        substitute(band, cable.n * lines, lines, solved)
         keep_border(cable, solved)
-        for r in range(cable.n * dim):
+        for r in range(cable.n * lines):
             work.step[r] = solved[PADDING + r]
         turn_vector(cable, directions, NO, work.step, 0)
-        for d in range(dim):
+        for d in range(lines):
             for i in range(cable.n):
-                v[d, MARGIN + i] += work.step[i * dim + d]
+                v[d, MARGIN + i] += work.step[i * lines + d]
         last = attempt + 1 == MOST_STOPS
         settled, worked = contact.validate_impulses(cable, tau, v, last)
         if settled:
@@ -771,10 +777,9 @@ def stop_contacts(cable, t, tau):
     clear(push)
     contact.add_impulses(cable, v, push, band)
     difference(v, before, before)
-    for d in range(dim):
-        add_product(cable.linear.mass[0], -1.0, before[d], push[d])
-        for i in range(cable.n):
-            solved[PADDING + i * dim + d] = push[d, MARGIN + i]
+    for d in range(lines):
+        add_product(mass_of(cable, d), -1.0, before[d], push[d])
+    to_unknowns(cable, push, solved)
     for k in range(cable.rows.count):
         work.multipliers[k] = 0.0
     take_reactions(cable, directions, work.multipliers)
@@ -803,7 +808,6 @@ def finish_step(cable, t0, tau, whole, lost):
     moves = grasps_move(cable)
     if cable.terms & CONTACT:
         learn_extrapolated_share(cable)
-    end_twist(cable, tau)
     for line in range(cable.lines):
         for c in range(0, cable.columns, LANES):
             speed = load(work.start_v, line, c)
@@ -828,7 +832,9 @@ def finish_step(cable, t0, tau, whole, lost):
     if cable.loads.count:
         balance.load_work += inner(work.load, change)
     driven += anchor_work(cable, work.start, state.x)
-    balance.drive_work += driven + roll_loss(cable, change)[1]
+    rolled = roll_loss(cable, change)
+    balance.dissipated += rolled[0]
+    balance.drive_work += driven + rolled[1]
     accept_anchors(cable)
     accept_slides(cable, work.start, state.x)
     for k in range(cable.rows.count):
@@ -909,11 +915,10 @@ def try_step(cable, method, t0, tau, whole, level, careful, predicts):
     if cable.terms & SELF and self_contact.too_many(cable, level, method.halvings - level):
         undo_step(cable)
         return False
-    reach = largest(cable.state.x, cable.dim)  # scale of the round-off of corrections
+    reach = largest(cable.state.x, 0, cable.dim)  # scale of the round-off of corrections
     moves = grasps_move(cable)
-    coupled = cable.terms & (BISHOP | SLIDING) != 0
     room = SPARE * ROOM if cable.terms & CONTACT else ROOM
-    lossy = cable.terms & (CONTACT | DAMPED) == CONTACT | DAMPED
+    lossy = cable.terms & (CONTACT | BISHOP) != 0 and cable.terms & (DAMPED | STATIC_TWIST) != 0
     mixed = predicts or cable.physics.keeps_length != 0.0
     most = MAX_ITERATIONS if careful else MAX_BOLD
     converged = False
@@ -922,7 +927,7 @@ def try_step(cable, method, t0, tau, whole, level, careful, predicts):
     linearize = not may_keep(cable, a)
     stretched = False  # whether the last correction may have stretched the cable
     stiff = False  # whether a correction stretched the cable more than Broyden's may
-    work.results.coupled, work.results.twist_open = IN_STATE, 0.0
+    work.results.coupled = IN_STATE
     made = 0  # iteration in which the matrix was factorised, 0: in an earlier step
     slope = 0.0  # residual . correction before the last correction
     share = 1.0  # of the last correction that x contains
@@ -934,7 +939,6 @@ def try_step(cable, method, t0, tau, whole, level, careful, predicts):
     balance.slip = 0.5 if discrete else 1.0
     while True:
         lost = step_force(cable, t0, tau, discrete)
-        lost += step_twist(cable, tau, discrete, iterations == 0)
         inertia = set_residual(cable, a, b)
         if converged or iterations == most:
             break
@@ -952,7 +956,7 @@ def try_step(cable, method, t0, tau, whole, level, careful, predicts):
         if known > 0:
             along = dot(work.residual, work.corrections[known - 1])
             if stretched:
-                to_lines(cable, known - 1)
+                take_nudge(cable, known - 1)
                 begin, end = (work.start, cable.state.x) if discrete else (work.middle, work.middle)
                 energy, extra = unpredicted(cable, begin, end, work.nudge)
                 # A matrix that was made before the cable turned stretches it.
@@ -982,7 +986,7 @@ def try_step(cable, method, t0, tau, whole, level, careful, predicts):
                 break
             known, made = np.int64(0), iterations
         allowed = allowed_error(balance, tolerance, inertia, room)
-        energy, slope, defect, moved, stretched = correct(cable, known, discrete, allowed)
+        energy, slope, defect, moved, stretched = correct(cable, known, discrete, allowed, reach)
         stretched = stretched and mixed
         known += 1
         first = moved if iterations == 1 else first
@@ -1002,33 +1006,32 @@ def try_step(cable, method, t0, tau, whole, level, careful, predicts):
         share, touched = 1.0, work.touched[0]
         if cable.terms & CONTACT and iterations > TRUSTING:
             shrinking = 1.0  # what contracts only now may do so by touching something else
-        exhausted = moved <= ROUND_OFF * reach or (stalls > 1 and moved <= NOISE * reach)
+        exhausted = moved <= ROUND_OFF or (stalls > 1 and moved <= NOISE)
         converged = exhausted or min(SAFETY * shrinking, 1.0) * defect <= allowed
         if converged and cable.terms & CONTACT:
-            contact.add_force(cable, YES, NO, cable.state.x, work.rate)
-            # With a twist that is still open the forces are not those of this shape.
-            converged = (exhausted or work.touched[0] == touched) and work.results.twist_open == 0.0
+            contact.add_force(cable, YES, cable.state.x, work.rate)
+            converged = exhausted or work.touched[0] == touched
         if exhausted:
             # Corrections are round-off: the energy balance cannot be more accurate than this.
             floor = RESOLUTION * defect
-        # The work of moving grasps needs the forces, and the twist the shape, after the last
-        # correction: one more evaluation, unless all is at rest. So does the loss by damping, which
-        # may differ by the defect; without contact, motions are too smooth for that to matter.
-        again = moves or coupled or (lossy and defect > allowed)
-        if converged and not (again and largest(work.change, cable.lines) > ROUND_OFF * reach):
+        # The work of moving or sliding grasps needs the forces after the last correction: one more
+        # evaluation, unless all is at rest. So does the loss by damping, which that correction
+        # changes by its energy or the defect; without contact and twist, motions are too smooth for
+        # that to matter.
+        again = moves or cable.terms & SLIDING != 0
+        again = again and largest(work.change, 0, cable.lines) > ROUND_OFF * reach
+        again = again or (lossy and max(energy, defect) > allowed)
+        if converged and not again:
             break
         linearize = energy > SLOW * previous and not converged
         previous = energy
     judge_matrix(balance, iterations, made)
-    converged = converged and work.results.twist_open == 0.0
     # Newton's method may converge to a cable folded through itself, with the same energy.
     if converged and level < CAREFUL_HALVINGS:
         converged = not turned_over(cable)
     if converged and cable.terms & SELF:
         converged = self_contact.validate(cable, tau, level, method.halvings - level)
     if converged and cable.terms & CONTACT:
-        if cable.terms & ROLLING:  # with the twist of the last forces
-            contact.add_force(cable, YES, NO, cable.state.x, work.rate)
         converged = contact.validate(cable, work.change)
     if converged:
         if cable.terms & SELF:
@@ -1055,7 +1058,7 @@ def implicit_step(method, cable, step, tau):
     Newton's method does not converge; returns whether it succeeded.
     """
     results = cable.work.results
-    begun, budget = results.evaluations, max(BUDGET // (cable.n * cable.dim), LEAST_BUDGET)
+    begun, budget = results.evaluations, max(BUDGET // (cable.n * cable.lines), LEAST_BUDGET)
     whole = 1 << MAX_HALVINGS
     for k in range(cable.rows.count):
         cable.state.reaction_before[k] = cable.state.reaction[k]
@@ -1063,12 +1066,11 @@ def implicit_step(method, cable, step, tau):
     at = 0.0
     for k in range(method.stages):
         t0, length = step * tau + at * tau, method.substeps[k] * tau
-        # Contact changes its mind, and the twist follows the shape: only without them does Newton's
-        # method converge quadratically, or soon is hopeless. A cable that is stretched by far is
-        # not stiff along itself: a tension predicted to first order is then worse than that of the
-        # shape.
+        # Contact changes its mind: only without it does Newton's method converge quadratically, or
+        # soon is hopeless. A cable that is stretched by far is not stiff along itself: a tension
+        # predicted to first order is then worse than that of the shape.
         keeps_length = cable.physics.keeps_length != 0.0
-        wary = cable.terms & (CONTACT | SELF | BISHOP) != 0 and not keeps_length
+        wary = cable.terms & (CONTACT | SELF) != 0 and not keeps_length
         careful = wary
         level, done = 0, 0  # `done` in units of 2^-MAX_HALVINGS of the substep
         while done < whole:

@@ -6,10 +6,8 @@ an unknown of its own (`engine.tension`).
 
 With twist that acts on the shape all lines are found together, where the Bishop frame follows the
 shape at every iterate. A correction of the twist is one of the material frame against the shape
-that is corrected, so that shape and twist of each control point act on its neighbours only, and
-the matrix is that of an energy, whose positive definiteness says whether the cable is stable. What
-couples twist and shape is differentiated numerically, which costs as many evaluations of the forces
-for any number of points. The unknowns are ordered by control point, as in `engine.rolling`.
+that is corrected, so that the matrix is that of an energy, whose positive definiteness says whether
+the cable is stable.
 """
 
 from __future__ import annotations
@@ -18,62 +16,47 @@ from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, NO, YES, inline, kernel
+from dlo_sim.compiling.lanes import zero
 from dlo_sim.engine.arrays import (
     BETWEEN,
     BISHOP,
     CABLE,
-    CURVED,
-    IN_ROLLING_BAND,
     IN_STATE,
     LINES,
     MARGIN,
     MATERIAL,
     PADDING,
-    PLASTICITY,
     VECTOR,
     cable_at,
 )
 from dlo_sim.engine.assembly import all_forces
 from dlo_sim.engine.band import (
-    bordered,
-    clear_band,
+    add_line,
     clear_held,
     eliminate,
     hold,
     keep_border,
     set_border,
     solve_border,
-    spread,
     stiffen_border,
     substitute,
+    to_lines,
+    to_unknowns,
     turn_vector,
 )
-from dlo_sim.engine.bishop import follow_shape
-from dlo_sim.engine.bishop import force as bishop_force
-from dlo_sim.engine.lines import add, add_product, clear, copy
+from dlo_sim.engine.bishop import follow_shape, tau_between
+from dlo_sim.engine.lines import add_product, clear, copy
 from dlo_sim.engine.loads import add_load_stiffness, load_force
-from dlo_sim.engine.natural_curvature import follow_natural, natural_force
-from dlo_sim.engine.rolling import (
-    FOUR,
-    HALF,
-    copy_shape,
-    copy_twist,
-    hold_couplings,
-    substitute_with_twist,
-)
-from dlo_sim.engine.spans import store_three, three
-from dlo_sim.engine.springs import add_roll_stiffness
+from dlo_sim.engine.natural_curvature import follow_natural
+from dlo_sim.engine.spans import add_sample, bending_at, curve, scatter_lines, tangent_at
 from dlo_sim.engine.tension import predict_tension
 from dlo_sim.methods.between_steps import set_stiffness
-from dlo_sim.terms.vectors import combined
 
 MAX_ITERATIONS = 12
 CONVERGED, EXACT = 1e-4, 1e-12  # last correction: share of that of the step, or of the length
 # The same with twist: frames are known to a few per cent where a span bends sharply.
 LOOSE, NEAR = 1e-2, 1e-10
-SMALL = 1e-4  # spans, and radians: steps of finite differences
 SPIN = 0.16  # of the length: radius of gyration of the twist in pseudo-time
-COLOURS = 7  # control points that far apart do not act on each other
 
 
 GIVEN = int64, float64, ARRAY, ARRAY_2D, ARRAY, float64, boolean, boolean
@@ -159,74 +142,54 @@ def correct(address, pseudo, guide, begun, length, predicted, twist, rolls):
         predicted. `work.change`: the move in this step so far, of the twist that against the shape.
     """
     cable = cable_at(address)
-    work, dim, size = cable.work, cable.dim, cable.n * cable.dim
-    band, directions, x = work.band, cable.state.direction, cable.state.x
-    if twist:
-        set_natural_aside(cable, YES)
-    set_stiffness(cable, predicted)
-    if twist:
-        set_natural_aside(cable, NO)
-        couple(cable, length, (SPIN * length) * (SPIN * length) / pseudo)
-    else:
-        add_load_stiffness(cable, x, 0.0, 1.0, band)
+    work, lines, size = cable.work, cable.lines, cable.n * cable.lines
+    band, directions = work.band, cable.state.direction
+    set_stiffness(cable, predicted, twist)
+    add_load_stiffness(cable, cable.state.x, 0.0, 1.0, band)
     add_inertia(cable, pseudo, guide)
+    if twist:
+        add_line(cable, cable.dim, cable.linear.mass[0], spin(length, pseudo), band)
+    if rolls:
+        keep_columns(cable)
     hold(cable, directions, directions, band)
     set_border(cable, directions, directions)
     stiffen_border(cable, band)
-    work.results.coupled = IN_ROLLING_BAND if twist else IN_STATE
-    if twist:
-        if not eliminate_twist(cable) or negative(work.rolling_band, FOUR * cable.n, HALF):
-            return False
-    elif not eliminate(band, size, dim) or negative(band, size, 4 * dim - 1):
+    work.results.coupled = IN_STATE
+    if not eliminate(band, size, lines) or negative(band, size, 4 * lines - 1):
         return False
     solve_border(cable, band, 1.0)
     set_force(cable, pseudo, guide, begun, length, twist)
-    solve_lines(cable, work.force, twist, work.nudge)
+    solve_lines(cable, work.force, work.nudge)
     if rolls:
-        turn_held(cable, begun, length)
+        turn_held(cable, begun)
     finite = True
-    for d in range(dim):
+    for d in range(lines):
         for i in range(cable.n):
             value = work.nudge[d, MARGIN + i]
             finite = finite and value - value == 0.0
     return finite
 
 
-@kernel(void, CABLE, LINES, boolean, LINES, family=BETWEEN)
-def solve_lines(cable, push, twist, out):
+@inline
+def spin(length, pseudo):
+    """Inertia of the twist over the pseudo-time, as a factor of the mass."""
+    return (SPIN * length) * (SPIN * length) / pseudo
+
+
+@kernel(void, CABLE, LINES, LINES, family=BETWEEN)
+def solve_lines(cable, push, out):
     """out = solution for the right-hand side `push` with the factors of `correct`, with the rows of
     the grasps kept; both are lines.
     """
-    work, dim, z = cable.work, cable.dim, cable.work.residual
-    band, directions, count = work.band, cable.state.direction, cable.n * cable.dim
-    for d in range(dim):
-        for i in range(cable.n):
-            z[PADDING + i * dim + d] = push[d, MARGIN + i]
+    z, directions = cable.work.residual, cable.state.direction
+    to_unknowns(cable, push, z)
     turn_vector(cable, directions, YES, z, PADDING)
     clear_held(cable, z, PADDING)
-    clear(out)
-    if twist:
-        for r in range(count):
-            work.unbalanced[r] = z[PADDING + r]
-        substitute_with_twist(cable, push, z, out)
-        if bordered(cable):  # solve once more, with the forces of these rows
-            keep_border(cable, z)  # sets `border_value`
-            for r in range(count):
-                z[PADDING + r] = work.unbalanced[r]
-            for k in range(bordered(cable)):
-                pull = 0.0
-                for j in range(bordered(cable)):
-                    pull += work.border_system[k, j] * work.border_value[j]
-                spread(cable, work.border_force, k, -pull, z, PADDING)
-            clear(out)
-            substitute_with_twist(cable, push, z, out)
-    else:
-        substitute(band, count, dim, z)
-        keep_border(cable, z)
+    substitute(cable.work.band, cable.n * cable.lines, cable.lines, z)
+    keep_border(cable, z)
     turn_vector(cable, directions, NO, z, PADDING)
-    for d in range(dim):
-        for i in range(cable.n):
-            out[d, MARGIN + i] = z[PADDING + i * dim + d]
+    clear(out)
+    to_lines(cable, z, PADDING, out)
 
 
 @inline
@@ -252,7 +215,9 @@ def set_force(cable, pseudo, guide, begun, length, twist):
         for d in range(dim):
             rate[d, c] = work.change[d, c] / pseudo + along * guide[d]
         if twist:
-            rate[dim, c] = (SPIN * length) * (SPIN * length) / pseudo * work.change[dim, c]
+            rate[dim, c] = spin(length, pseudo) * work.change[dim, c]
+        elif cable.lines > dim:
+            f[dim, c] = 0.0
     for d in range(cable.lines if twist else dim):
         add_product(mass, -1.0, rate[d], f[d])
 
@@ -260,164 +225,76 @@ def set_force(cable, pseudo, guide, begun, length, twist):
 @inline
 def add_inertia(cable, pseudo, guide):
     """band += M (1 / s + g g^T)."""
-    dim, n, mass, band = cable.dim, cable.n, cable.linear.mass[0], cable.work.band
+    dim, lines, n = cable.dim, cable.lines, cable.n
+    mass, band = cable.linear.mass[0], cable.work.band
     for k in range(7):
         for i in range(max(3 - k, 0), min(n, n + 3 - k)):
             for d in range(dim):
                 for e in range(dim):
                     share = guide[d] * guide[e] + (1.0 / pseudo if d == e else 0.0)
-                    column = (k - 3) * dim + e - d + 4 * dim - 1
-                    band[i * dim + d, column] += share * mass[k, MARGIN + i]
+                    column = (k + 1) * lines + e - d - 1
+                    band[i * lines + d, column] += share * mass[k, MARGIN + i]
 
 
-# -- with twist ------------------------------------------------------------------------------------
-
-
-@inline
-def set_natural_aside(cable, aside):
-    """Let the natural and plastic curvature have no part in the stiffness, or again a part."""
-    if not cable.terms & CURVED:
-        return
-    natural, kept, mesh = cable.state.natural, cable.work.coupling, cable.mesh
-    for b in range(cable.blocks):
-        for j in range(cable.samples):
-            if not aside:
-                store_three(natural[b, j], 0, three(kept[b, j], 0))
-                continue
-            n = three(natural[b, j], 0)
-            store_three(kept[b, j], 0, n)
-            less = combined(0.0, n, 0.0, n)
-            if cable.terms & PLASTICITY:  # of the sum (`natural_curvature.natural_with`)
-                p = three(cable.state.plastic[b, j], 0)
-                less = combined(-mesh.weight[b, j] * mesh.bending[b], p, 0.0, p)
-            store_three(natural[b, j], 0, less)
+# -- what holds the roll ---------------------------------------------------------------------------
 
 
 @inline
-def coupled_forces(cable, out):
-    """Forces that couple the twist to the shape."""
-    x = cable.state.x
-    clear(out)
-    natural_force(cable, x, x, YES, YES, out)
-    load_force(cable, x, 0.0, out)
-    bishop_force(cable, x, x, out)
+def keep_columns(cable):
+    """Keep the columns of the matrix that belong to twist angles which grasps prescribe."""
+    work, lines, half = cable.work, cable.lines, 4 * cable.lines - 1
+    for row in range(cable.rows.count):
+        if cable.rows.line[row] == cable.dim:
+            c = lines * cable.points.own[cable.rows.point[row]] + cable.dim
+            for r in range(cable.n * lines):
+                near = abs(c - r) <= half
+                work.columns[row, r] = work.band[r, c - r + half] if near else 0.0
 
 
-@kernel(void, CABLE, float64, float64, terms=BISHOP, family=BETWEEN)
-def couple(cable, length, spin):
-    """Minus the derivatives of `coupled_forces` by all lines, as central differences: add those of
-    the shape to `work.band`, set `work.twist_matrix` to that of the twist, with all its stiffness
-    and its inertia `spin` times the mass, and `work.rolling_band` to what couples the two.
-    """
-    work, x, dim, n = cable.work, cable.state.x, cable.dim, cable.n
-    twist, there, more, less = work.twist_matrix, work.middle, work.v0, work.v1
-    mass, own = cable.linear.mass[0], cable.linear.twist
-    for k in range(4):
-        for i in range(n - k):
-            twist[k, i] = own[3 + k, MARGIN + i] + spin * mass[3 + k, MARGIN + i]
-    add_roll_stiffness(cable, twist)
-    clear_band(work.rolling_band)
-    copy(x, there)
-    for line in range(dim + 1):
-        step = SMALL if line == dim else SMALL * length / (n - 3)
-        for colour in range(min(COLOURS, n)):
-            for side in range(2):
-                for c in range(MARGIN + colour, MARGIN + n, COLOURS):
-                    x[line, c] = there[line, c] + (step if side == 0 else -step)
-                coupled_forces(cable, more if side == 0 else less)
-            for c in range(MARGIN + colour, MARGIN + n, COLOURS):
-                x[line, c] = there[line, c]
-            for j in range(colour, n, COLOURS):
-                for i in range(max(j - 3, 0), min(j + 4, n)):
-                    for e in range(dim + 1):
-                        value = (less[e, MARGIN + i] - more[e, MARGIN + i]) / (2.0 * step)
-                        add_entry(cable, i, e, j, line, value)
-
-
-@inline
-def add_entry(cable, i, e, j, line, value):
-    """Add an entry between line e of control point i and another line of control point j."""
-    dim, work = cable.dim, cable.work
-    if e < dim and line < dim:
-        work.band[i * dim + e, (j - i) * dim + line - e + 4 * dim - 1] += value
-    elif e < dim or line < dim:
-        work.rolling_band[FOUR * i + e, FOUR * (j - i) + line - e + HALF] = value
-    elif i >= j:
-        work.twist_matrix[i - j, j] += value
-
-
-@kernel(boolean, CABLE, terms=BISHOP, family=BETWEEN)
-def eliminate_twist(cable):
-    """`work.rolling_band` = LU factors of the matrix of all lines; whether they exist."""
-    work, directions, rows = cable.work, cable.state.direction, cable.rows
-    for i in range(cable.n):
-        work.twist_held[i] = 0.0
-    for row in range(rows.count):
-        if rows.line[row] == cable.dim:
-            work.twist_held[cable.points.own[rows.point[row]]] = 1.0
-    copy_shape(cable, work.band, work.rolling_band)
-    hold_couplings(cable, directions, directions, work.rolling_band)
-    copy_twist(cable, work.rolling_band)
-    return eliminate(work.rolling_band, FOUR * cable.n, FOUR)
-
-
-@kernel(void, CABLE, LINES, float64, terms=BISHOP, family=BETWEEN)
-def turn_held(cable, begun, length):
+@kernel(void, CABLE, LINES, terms=BISHOP, family=BETWEEN)
+def turn_held(cable, begun):
     """Let what holds the roll turn with the Bishop frame, in the correction `work.nudge`, so that
     the twist angles there are those of `begun`. What holds the roll farther along the cable does
     not turn the frame here, so that one after the other is found.
     """
-    work, x, dim, n = cable.work, cable.state.x, cable.dim, cable.n
+    work, theta, dim = cable.work, cable.state.x[cable.dim], cable.dim
     nudge, frame, push, answer = work.nudge, work.load, work.force, work.inertia
     for row in range(cable.rows.count):
         if cable.rows.line[row] != dim:
             continue
-        k = cable.points.own[cable.rows.point[row]]
-        turn_of_frame(cable, k, length, frame)
-        theta = x[dim, MARGIN + k]
-        x[dim, MARGIN + k] = theta + SMALL
-        coupled_forces(cable, work.v0)
-        x[dim, MARGIN + k] = theta - SMALL
-        coupled_forces(cable, work.v1)
-        x[dim, MARGIN + k] = theta
-        for c in range(cable.columns):
-            for d in range(dim):
-                push[d, c] = (work.v0[d, c] - work.v1[d, c]) / (2.0 * SMALL)
-            push[dim, c] = 0.0
-        for i in range(max(k - 3, 0), min(k + 4, n)):
-            push[dim, MARGIN + i] = -work.twist_matrix[abs(i - k), min(i, k)]
-        solve_lines(cable, push, YES, answer)
-        answer[dim, MARGIN + k] = 1.0
-        missing, share = begun[dim, MARGIN + k] - theta, 1.0
+        own = cable.points.own[cable.rows.point[row]]
+        turn_of_frame(cable, own, frame)
+        to_lines(cable, work.columns[row], 0, push)
+        for d in range(cable.lines):
+            for c in range(cable.columns):
+                push[d, c] = -push[d, c]
+        solve_lines(cable, push, answer)
+        answer[dim, MARGIN + own] = 1.0
+        missing, share = begun[dim, MARGIN + own] - theta[MARGIN + own], 1.0
         for d in range(dim):
             for c in range(cable.columns):
                 missing -= frame[d, c] * nudge[d, c]
                 share += frame[d, c] * answer[d, c]
-        for d in range(dim + 1):
+        for d in range(cable.lines):
             for c in range(cable.columns):
                 nudge[d, c] += missing / share * answer[d, c]
 
 
 @inline
-def turn_of_frame(cable, k, length, out):
-    """out = derivative of the angle of the Bishop frame at control point k by the shape: minus the
-    force on it of a unit twisting moment up to there.
+def turn_of_frame(cable, own, out):
+    """out = derivative of the angle of the Bishop frame at an end, control point `own`, by the
+    shape: integral of G (`engine.bishop`) from the start of the cable.
     """
-    theta, kept, ends = (
-        cable.state.x[cable.dim],
-        cable.work.middle[cable.dim],
-        cable.linear.greville,
-    )
-    for c in range(cable.columns):
-        kept[c] = theta[c]
-    for c in range(MARGIN, MARGIN + cable.n):
-        theta[c] = -min(ends[c], ends[MARGIN + k]) * length / cable.physics.GJ
+    mesh = cable.mesh
     clear(out)
-    bishop_force(cable, cable.state.x, cable.state.x, out)
-    clear(cable.work.v0)
-    for c in range(MARGIN, MARGIN + cable.n):
-        theta[c] = 0.0
-    bishop_force(cable, cable.state.x, cable.state.x, cable.work.v0)
-    add(-1.0, cable.work.v0, out)
-    for c in range(cable.columns):
-        theta[c] = kept[c]
+    for b in range(cable.blocks if own > 0 else 0):
+        p, s = curve(cable, cable.state.x, b, 1.0), mesh.slope[b]
+        g0 = g1 = g2 = (zero(), zero(), zero())
+        for j in range(cable.samples):
+            xi, w = mesh.xi[b, j], mesh.weight[b, j]
+            t, k = tangent_at(p, xi), bending_at(p, xi, s)
+            g = tau_between(t, k, t, k)[1]
+            g0 = add_sample(g0, w * g[0], zero(), xi)
+            g1 = add_sample(g1, w * g[1], zero(), xi)
+            g2 = add_sample(g2, w * g[2], zero(), xi)
+        scatter_lines(cable, b, g0, g1, g2, 1.0, out)

@@ -45,13 +45,13 @@ def sizes_of(
             of a span that touch bodies, 0 without obstacles. segments: of a span, that touch each
             other, or 0. field_values: of meshes that are obstacles.
     """
-    lines, unknowns = dim + twist, n * dim
+    lines, unknowns = dim + twist, n * (dim + twist)
     spans = n - DEGREE
     blocks, columns = -(-spans // LANES), LANES * (-(-n // LANES) + 1)
     bishop, curved, plastic = (
         bool(terms & bit) for bit in (arrays.BISHOP, arrays.CURVED, arrays.PLASTICITY)
     )
-    chain, rolls = bool(segments), bool(terms & arrays.ROLLING)
+    chain = bool(segments)
     pairs = PAIRS * segments * (n - DEGREE)
     return {
         "terms": terms,
@@ -73,8 +73,6 @@ def sizes_of(
         "loads": loads,
         "obstacles": obstacles,
         "groups": pieces and (COARSE * blocks + pieces * spans),
-        "rolling_unknowns": (dim + 1) * n * (rolls or bishop),
-        "rolling_padded": ((dim + 1) * n + 2 * PADDING) * (rolls or bishop),
         "field_values": field_values,
         "segments": segments,
         "corners": (segments + 1) * chain,
@@ -85,9 +83,10 @@ def sizes_of(
         "near_pairs": (n - DEGREE) * min(n - DEGREE, NEAR) * chain,
         "coupled": unknowns * chain,
         "skyline": min(unknowns * unknowns, MOST_SKYLINE) * chain,
-        "seen": 4 * dim,
+        "seen": 4 * lines,
         "unknowns": unknowns,
-        "width": 16 * (dim - 1),
+        "pairings": lines * lines,
+        "width": 16 if lines == 2 else 32,
         "padded": unknowns + 2 * PADDING,
         "twist_columns": columns * twist,
         "bishop_columns": columns * bishop,

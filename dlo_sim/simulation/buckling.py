@@ -33,8 +33,8 @@ from numba import boolean, float64, int64
 from numpy.typing import NDArray
 
 from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, STRIDED, inline, kernel
-from dlo_sim.core import bspline, elimination, mass
-from dlo_sim.engine.arrays import ANY_STRETCH, BISHOP
+from dlo_sim.core import bspline, mass
+from dlo_sim.engine.arrays import ANY_STRETCH
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
 
@@ -237,89 +237,33 @@ def growth(cable: Cable, scene: Scene, free: Array) -> float:
     if cable.solve_held(np.zeros(len(band))) == 0:
         return 0.0  # stable in all directions, which costs the least to know
     largest = float(np.abs(band).max() / cable.model.mass(0).max())
-    twisted = _holonomy(cable, scene, free)
     rate = max(SLOWEST, math.sqrt(ROUNDING * largest))
-    if not _negative(cable, free, rate, twisted):
+    if not _negative(cable, free, rate):
         return 0.0
-    while _negative(cable, free, 2.0 * rate, twisted):
+    while _negative(cable, free, 2.0 * rate):
         rate *= 2.0
     return math.sqrt(2.0) * rate
 
 
-def _negative(cable: Cable, free: Array, rate: float, twisted: tuple[Array, Array]) -> bool:
-    """Whether K + rate^2 M + U C U^T has a negative eigenvalue across the line or plane.
-
-    With the m columns of U and the compliances 1 / C it has as many as K + rate^2 M and
-    - 1 / C - U^T (K + rate^2 M)^-1 U together, less m.
+def _negative(cable: Cable, free: Array, rate: float) -> bool:
+    """Whether K + rate^2 M has a negative eigenvalue across the line or plane, and in the twist:
+    in the other directions it gets a multiple of one.
     """
-    columns, compliances = twisted
-    sides = free[:, np.argmax(np.diag(free))]
-    sides = sides / math.hypot(*sides)
-    solved = []
-    for column in (*columns, np.zeros(cable.model.n)):
-        _restrict(cable, free, rate)
-        unknowns = np.outer(column, sides).ravel()
-        count = cable.solve_held(unknowns)
-        solved.append((unknowns.reshape(len(column), -1) * sides).sum(axis=1))
-    if not len(columns) or count <= 0:
-        return count > 0
-    schur = -np.diag(compliances) - np.einsum("in,kn->ik", columns, solved[:-1])
-    pivots = elimination.solve(schur, compliances)[1]
-    return bool(count + np.count_nonzero(pivots < 0.0) > len(columns))
-
-
-def _restrict(cable: Cable, free: Array, rate: float) -> None:
-    """Write K + rate^2 M across the line or plane, and a multiple of one in it, to the band."""
-    n, dim = cable.model.n, len(cable.model.axes)
-    rows = np.arange(dim)[None, :, None]
-    columns = 4 * dim - 1 + dim * np.arange(-3, 4)[:, None, None] + np.arange(dim) - rows
-    band = cable.stiffness(moments=True).reshape(n, dim, -1)
+    model, lines = cable.model, cable.model.lines
+    across = np.eye(lines)
+    across[: len(free), : len(free)] = free
+    rows = np.arange(lines)[None, :, None]
+    columns = 4 * lines - 1 + lines * np.arange(-3, 4)[:, None, None] + np.arange(lines) - rows
+    band = cable.stiffness(moments=True).reshape(model.n, lines, -1)
     blocks = np.einsum(
-        "ab,knbc->knac", free, np.einsum("knab,bc->knac", band[:, rows, columns], free)
+        "ab,knbc->knac", across, np.einsum("knab,bc->knac", band[:, rows, columns], across)
     )
-    inertia = rate**2 * cable.model.mass(0)
-    for k in range(4):
-        blocks[: n - k, 3 + k] += inertia[k, : n - k, None, None] * free
-        if k:
-            blocks[k:, 3 - k] += inertia[k, : n - k, None, None] * free
-    blocks[:, 3] += np.abs(blocks[:, 3]).max() * (np.eye(dim) - free)
+    for line in range(lines):
+        inertia = rate**2 * model.mass(line)
+        for k in range(4):
+            blocks[: model.n - k, 3 + k, line] += inertia[k, : model.n - k, None] * across[line]
+            if k:
+                blocks[k:, 3 - k, line] += inertia[k, : model.n - k, None] * across[line]
+    blocks[:, 3] += np.abs(blocks[:, 3]).max() * (np.eye(lines) - across)
     band[:, rows, columns] = blocks
-
-
-def _holonomy(cable: Cable, scene: Scene, free: Array) -> tuple[Array, Array]:
-    """What a displacement across the plane twists (m, n) between neighbouring places that hold the
-    roll, and the compliance (m,) [rad/(N m)] of each such part of the cable with its springs.
-    """
-    model, nothing = cable.model, (np.zeros((0, cable.model.n)), np.zeros(0))
-    dim = len(model.axes)
-    if not model.has(BISHOP) or dim < 3 or abs(np.trace(free) - 1.0) > 0.5:
-        return nothing
-    greville, holding = bspline.greville(model.knots), model.holding
-    held = sorted(
-        (float((holding.points[row.point].values(model.n) * greville).sum()), 1.0 / row.stiffness)
-        for row in (*holding.rows, *holding.springs)
-        if holding.points[row.point].twist
-    )
-    if len(held) < 2:
-        return nothing
-    normal = free[:, np.argmax(np.diag(free))]
-    normal = normal / math.hypot(*normal)
-    ends = bspline.breaks(model.knots)
-    rise = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    u = (ends[:-1, None] + np.diff(ends)[:, None] * rise).ravel()
-    lengths = np.repeat(np.diff(ends) / SAMPLES, SAMPLES)
-    first, slopes = bspline.active_basis(model.knots, u, 1)
-    bends = bspline.active_basis(model.knots, u, 2)[1]
-    at = first[:, None] + np.arange(bspline.ACTIVE)
-    points = cable.x[:dim].T[at]
-    tangent, bend = (np.einsum("mk,mkd->md", one, points) for one in (slopes, bends))
-    bent = np.einsum("md,d->m", np.cross(tangent, bend), normal)
-    signed = bent / np.einsum("md,md->m", tangent, tangent) ** 1.5
-    weights = (lengths * signed)[:, None] * slopes
-    columns = np.zeros((len(held) - 1, model.n))
-    compliances = np.zeros(len(held) - 1)
-    for k, ((begin, soft), (end, softer)) in enumerate(zip(held[:-1], held[1:], strict=True)):
-        inside = (u > begin) & (u < end)
-        np.add.at(columns[k], at[inside], weights[inside])
-        compliances[k] = (end - begin) / scene.cable.GJ + soft + softer
-    return columns, compliances
+    return cable.solve_held(np.zeros(model.n * lines)) > 0

@@ -579,14 +579,14 @@ class Cable:
         return held
 
     def stiffness(self, moments: bool = False) -> Array:
-        """Hessian of the potential energy with respect to the spatial lines, as a band matrix.
+        """Hessian of the potential energy as a band matrix.
 
         Args:
             moments: with the (unsymmetric) stiffness of the moments at time zero.
 
         Returns:
-            A view of the working memory, shape (n dim, width); entry (r, c) is at
-            [r, c - r + 4 dim - 1].
+            A view of the working memory, shape (n lines, width); entry (r, c) is at
+            [r, c - r + 4 lines - 1].
         """
         self.call(between_steps.stiffness, moments)
         return self.band
@@ -599,24 +599,24 @@ class Cable:
 
     @property
     def band(self) -> Array:
-        """The band matrix in the working memory, a view of shape (n dim, width)."""
+        """The band matrix in the working memory, a view of shape (n lines, width)."""
         return self.arrays.work.band
 
     @property
     def unbalanced(self) -> Array:
         """Right-hand side of the last Newton correction of an implicit step [N], shape (n, dim)."""
-        return self.arrays.work.unbalanced.reshape(self.model.n, -1)
+        return self.arrays.work.unbalanced.reshape(self.model.n, -1)[:, : len(self.model.axes)]
 
     def solve_held(self, unknowns: Array, transposed: bool = False) -> int:
         """Solve band x = unknowns, or band^T x = unknowns, in place with the constraint rows fixed.
 
         Args:
-            unknowns: shape (n dim,), or one row for each right-hand side.
+            unknowns: shape (n lines,), or one row for each right-hand side.
 
         Returns:
             The number of negative pivots, or -1 if a pivot is not usable.
         """
-        rows = unknowns.reshape(-1, self.model.n * len(self.model.axes))
+        rows = unknowns.reshape(-1, self.model.n * self.model.lines)
         return int(self.call(between_steps.solve_held, rows, transposed))
 
     def free_acceleration(self, force: Array, keep: bool = True) -> Array:

@@ -55,10 +55,21 @@ def _held_rows(cable: Cable) -> Array:
     return np.array(rows).reshape(len(rows), model.n * dim)
 
 
+def _spatial(cable: Cable) -> Array:
+    """Band matrix of the stiffness of the spatial lines alone, shape (n dim, 8 dim)."""
+    model, dim = cable.model, len(cable.model.axes)
+    band = cable.stiffness().reshape(model.n, model.lines, -1)
+    out = np.zeros((model.n, dim, 8 * dim))
+    for d, e in np.ndindex(dim, dim):
+        for k in range(-3, 4):
+            out[:, d, (k + 4) * dim + e - d - 1] = band[:, d, (k + 4) * model.lines + e - d - 1]
+    return out.reshape(model.n * dim, -1)
+
+
 def _dense(cable: Cable) -> float:
     model = cable.model
     dim, n = len(model.axes), model.n
-    stiffness = spectrum.dense(cable.stiffness(), 4 * dim - 1)
+    stiffness = spectrum.dense(_spatial(cable), 4 * dim - 1)
     inertia = np.zeros((n * dim, n * dim))
     for d in range(dim):
         inertia[d::dim, d::dim] = mass.dense(model.mass(d))
@@ -73,7 +84,7 @@ def _lanczos(cable: Cable) -> float:
     model = cable.model
     dim, n = len(model.axes), model.n
     half = 4 * dim - 1
-    band = cable.stiffness()[:, : 2 * half + 1].copy()
+    band = _spatial(cable)[:, : 2 * half + 1]
 
     def apply(x: Array) -> Array:
         flat = np.concatenate((np.zeros(half), x[:dim].T.ravel(), np.zeros(half)))

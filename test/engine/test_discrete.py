@@ -9,7 +9,6 @@ from numba import float64, int64, void
 
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.kernels import ARRAY_2D, kernel
-from dlo_sim.core import spectrum
 from dlo_sim.engine.arrays import BETWEEN, CURVED, SPAN_STRETCH, cable_at
 from dlo_sim.engine.assembly import discrete_gradient, discrete_jacobian
 from dlo_sim.engine.band import clear_band
@@ -32,7 +31,7 @@ def tangent_between(address, x0, x1, viscous):
     cable = cable_at(address)
     clear_band(cable.work.band)
     take_tension(cable, grid(x0), grid(x1))
-    discrete_jacobian(cable, grid(x0), grid(x1), viscous, 1.0, cable.work.band)
+    discrete_jacobian(cable, grid(x0), grid(x1), viscous, 0.5, 1.0, cable.work.band)
 
 
 class Between(Bench):
@@ -53,7 +52,7 @@ class Between(Bench):
         """d (minus force) / d second, shape (n dim, n dim)."""
         ends = self.padded(first), self.padded(second)
         self.cable.call(tangent_between, *ends, viscous)
-        return spectrum.dense(self.cable.band, 4 * len(self.axes) - 1)
+        return self.band_of_axes()
 
     def elastic(self, points):
         """Stretching and bending energy [J]."""

@@ -444,16 +444,18 @@ def right_at_rest(run: Run) -> str:
     none that grippers can hold.
     """
     sim, cable, scene = run.simulator, run.simulator.cable, run.scene
-    length, diameter, dim = scene.cable.length, scene.cable.diameter, len(sim.model.axes)
-    correction = cable.forces()[:dim].T.ravel()
+    length, diameter, lines = scene.cable.length, scene.cable.diameter, sim.model.lines
+    correction = cable.forces().T.ravel()
     band = cable.stiffness(moments=True)
     if scene.bodies:  # a cable that is free to turn on a table grows slower than SLOWEST
-        band[:, 4 * dim - 1] += SLOWEST**2 * np.repeat(sim.model.mass(0)[0], dim)
+        inertia = np.stack([sim.model.mass(line)[0] for line in range(lines)], axis=1)
+        band[:, 4 * lines - 1] += SLOWEST**2 * inertia.ravel()
     negative = cable.solve_held(correction)
     if negative != 0:
         return f"unstable: {negative} negative pivots"
-    if np.abs(correction).max() > 1e-6 * length:
-        return f"not at rest: {np.abs(correction).max():.2g} m off"
+    moved, turned = np.split(np.abs(correction.reshape(-1, lines)), [len(sim.model.axes)], axis=1)
+    if moved.max() > 1e-6 * length or turned.max(initial=0.0) > 1e-4:
+        return f"not at rest: {moved.max():.2g} m, {turned.max(initial=0.0):.2g} rad off"
     u = np.linspace(0.0, length, 201)
     slope = bspline.evaluate(cable.points[:, :3], sim.model.knots, u, 1)
     stretch = np.linalg.norm(slope, axis=1)

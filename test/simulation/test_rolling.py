@@ -31,6 +31,7 @@ def lying(friction, slope=0.0, **keys):
         "contact.friction": friction,
         "initial.shape": "straight",
         "integrator.method": "energy_momentum",
+        "integrator.tolerance": 1e-10,
         "obstacles.names": ["floor"],
         "obstacles.floor.shape": "plane",
         "obstacles.floor.orientation": [0.0, math.sin(0.5 * slope), 0.0, math.cos(0.5 * slope)],
