@@ -41,7 +41,6 @@ from dlo_sim.engine.arrays import (
     PADDING,
     VECTOR,
 )
-from dlo_sim.engine.lines import kind_of
 from dlo_sim.engine.skyline import substitute_skyline
 from dlo_sim.terms.vectors import cross
 
@@ -81,8 +80,15 @@ def add_lines(cable, matrices, scale, band):
     """band += scale times matrices of seven diagonals (2, 7, columns), the first one on all spatial
     lines, the second one on that of the twist.
     """
-    for line in range(cable.lines):
-        add_line(cable, line, matrices[kind_of(cable, line)], scale, band)
+    dim, lines, n = cable.dim, cable.lines, cable.n
+    for k in range(7):
+        column = (k + 1) * lines - 1
+        for i in range(max(3 - k, 0), min(n, n + 3 - k)):
+            value = scale * matrices[0][k, MARGIN + i]
+            for d in range(dim):
+                band[i * lines + d, column] += value
+            if lines > dim:
+                band[i * lines + dim, column] += scale * matrices[1][k, MARGIN + i]
 
 
 @inline

@@ -92,7 +92,7 @@ from dlo_sim.engine.contact_law import (
     scaled,
     with_product,
 )
-from dlo_sim.engine.grasps import POSITION, component, elapsed, moves, turned
+from dlo_sim.engine.grasps import POSITION, component, elapsed, moves, rotation_at
 from dlo_sim.engine.shapes import (
     BEND,
     DISTANCE,
@@ -150,14 +150,12 @@ def line_axis(cable, d):
 def set_pose(cable, o, at, t):
     """Set the pose of obstacle o at time t, its entries from `at` on."""
     m, pose = cable.inputs.obstacle[o], cable.state.pose[o]
-    s = elapsed(m, t)
-    for k in range(3):
-        x, y = 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0
-        v = turned(m, t, x, y, 1.0 - x - y)
-        for d in range(3):
-            pose[at + 3 * d + k] = component(v, line_axis(cable, d))
+    s, r = elapsed(m, t), rotation_at(m, t)
     for d in range(3):
         a = line_axis(cable, d)
+        row = r[0:3] if a == 0 else (r[3:6] if a == 1 else r[6:9])
+        for k in range(3):
+            pose[at + 3 * d + k] = row[k]
         way = m[POSITION + 3 + a] + s * m[POSITION + 6 + a]
         pose[at + 9 + d] = m[POSITION + a] + s * way - cable.contact.still[a]
 

@@ -19,7 +19,7 @@ from numba import float64, types
 
 from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.engine.arrays import BISHOP, VECTOR
-from dlo_sim.terms.vectors import cross, dot
+from dlo_sim.terms.vectors import combined, cross, dot
 
 ACTIVE, START, DURATION, POSITION, FRAME, TURN, ATTACHMENT, DIRECTION, TWIST = (
     *(0, 1, 2, 3, 12),
@@ -27,7 +27,7 @@ ACTIVE, START, DURATION, POSITION, FRAME, TURN, ATTACHMENT, DIRECTION, TWIST = (
 )
 
 
-THREE, FOUR, SEVEN = (types.UniTuple(float64, count) for count in (3, 4, 7))
+THREE, FOUR, SEVEN, NINE = (types.UniTuple(float64, count) for count in (3, 4, 7, 9))
 
 
 @inline
@@ -40,38 +40,6 @@ def component(a, axis):
 def moves(m):
     """Whether the grasp moves or was moved."""
     return m[ACTIVE] != 0.0
-
-
-@inline
-def rotate(w, v):
-    """exp([w]) v by Rodrigues' formula, with a series for small angles."""
-    angle2 = dot(w, w)
-    if angle2 == 0.0:
-        return v
-    if angle2 < 1e-6:
-        a = 1.0 - angle2 / 6.0 + angle2 * angle2 / 120.0
-        b = 0.5 - angle2 / 24.0 + angle2 * angle2 / 720.0
-    else:
-        angle = np.sqrt(angle2)
-        a = np.sin(angle) / angle
-        b = (1.0 - np.cos(angle)) / angle2
-    x = cross(w, v)
-    y = cross(w, x)
-    return (
-        v[0] + a * x[0] + b * y[0],
-        v[1] + a * x[1] + b * y[1],
-        v[2] + a * x[2] + b * y[2],
-    )
-
-
-@inline
-def framed(m, v0, v1, v2):
-    """R0 v."""
-    return (
-        m[FRAME] * v0 + m[FRAME + 1] * v1 + m[FRAME + 2] * v2,
-        m[FRAME + 3] * v0 + m[FRAME + 4] * v1 + m[FRAME + 5] * v2,
-        m[FRAME + 6] * v0 + m[FRAME + 7] * v1 + m[FRAME + 8] * v2,
-    )
 
 
 @inline
@@ -91,10 +59,57 @@ def turn_at(m, t):
     )
 
 
+@inline
+def rotation_terms(w):
+    """a and b of exp([w]) = 1 + a [w] + b [w]^2, Rodrigues' formula; a series for small angles."""
+    angle2 = dot(w, w)
+    if angle2 < 1e-6:
+        a = 1.0 - angle2 / 6.0 + angle2 * angle2 / 120.0
+        b = 0.5 - angle2 / 24.0 + angle2 * angle2 / 720.0
+    else:
+        angle = np.sqrt(angle2)
+        a = np.sin(angle) / angle
+        b = (1.0 - np.cos(angle)) / angle2
+    return a, b
+
+
+@inline
+def rotated(w, terms, v):
+    """exp([w]) v with `rotation_terms`."""
+    x = cross(w, v)
+    return combined(1.0, combined(1.0, v, terms[0], x), terms[1], cross(w, x))
+
+
+@inline
+def times(r, k, v0, v1, v2):
+    """R v of a matrix by rows, the nine entries of r from k on."""
+    return (
+        r[k] * v0 + r[k + 1] * v1 + r[k + 2] * v2,
+        r[k + 3] * v0 + r[k + 4] * v1 + r[k + 5] * v2,
+        r[k + 6] * v0 + r[k + 7] * v1 + r[k + 8] * v2,
+    )
+
+
+@inline
+def column(m, k):
+    """Column k of R0."""
+    return m[FRAME + k], m[FRAME + 3 + k], m[FRAME + 6 + k]
+
+
+@kernel(NINE, VECTOR, float64)
+def rotation_at(m, t):
+    """Rotation matrix of the gripper at time t, by rows."""
+    w, x, y, z = turn_at(m, t), column(m, 0), column(m, 1), column(m, 2)
+    if dot(w, w) > 0.0:
+        terms = rotation_terms(w)
+        x, y, z = rotated(w, terms, x), rotated(w, terms, y), rotated(w, terms, z)
+    return x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]
+
+
 @kernel(THREE, VECTOR, float64, float64, float64, float64)
 def turned(m, t, v0, v1, v2):
     """World components at time t of a vector in the gripper's frame."""
-    return rotate(turn_at(m, t), framed(m, v0, v1, v2))
+    return times(rotation_at(m, t), 0, v0, v1, v2)
 
 
 @inline
@@ -106,20 +121,14 @@ def direction_at(m, t):
 @inline
 def first_direction(m):
     """Unit direction of the cable at s = 0."""
-    return framed(m, m[DIRECTION], m[DIRECTION + 1], m[DIRECTION + 2])
+    return times(m, FRAME, m[DIRECTION], m[DIRECTION + 1], m[DIRECTION + 2])
 
 
 @inline
-def arm_at(m, t):
-    """Attachment point relative to the gripper's origin at time t [m]."""
-    return turned(m, t, m[ATTACHMENT], m[ATTACHMENT + 1], m[ATTACHMENT + 2])
-
-
-@kernel(FOUR, VECTOR, float64)
-def place(m, t):
-    """Attachment point (3) [m] and twist angle [rad] at time t."""
-    s = elapsed(m, t)
-    w, arm = turn_at(m, t), arm_at(m, t)
+def place_at(m, t, r):
+    """`place`, with the rotation matrix r of that time."""
+    s, w = elapsed(m, t), turn_at(m, t)
+    arm = times(r, 0, m[ATTACHMENT], m[ATTACHMENT + 1], m[ATTACHMENT + 2])
     # Twist about the tangent: swing-twist split of exp([w]) about the tangent at s = 0.
     angle = np.sqrt(dot(w, w))
     twist = m[TWIST]
@@ -139,21 +148,25 @@ def place(m, t):
     )
 
 
+@kernel(FOUR, VECTOR, float64)
+def place(m, t):
+    """Attachment point (3) [m] and twist angle [rad] at time t."""
+    return place_at(m, t, rotation_at(m, t))
+
+
 @inline
-def prescribed_place(cable, g, t):
-    """Attachment point (3) [m] of grasp g and the angle that it prescribes for theta [rad].
-
-    The frame of theta may lag behind that of the grasp (`engine.bishop`).
+def prescribed_twist(cable, g, twist):
+    """The angle that grasp g prescribes for theta [rad], from its twist angle: the frame of theta
+    may lag behind that of the grasp (`engine.bishop`).
     """
-    a = place(cable.inputs.motion[g], t)
-    if cable.terms & BISHOP:
-        return a[0], a[1], a[2], a[3] + cable.state.frame_turn[g]
-    return a
+    return twist + (cable.state.frame_turn[g] if cable.terms & BISHOP else 0.0)
 
 
-@kernel(SEVEN, VECTOR, float64)
-def rates(m, t):
-    """Velocity of the attachment point (3), twist rate and angular velocity (3) at time t."""
+@kernel(SEVEN, VECTOR, float64, VECTOR)
+def rates(m, t, r):
+    """Velocity of the attachment point (3), twist rate and angular velocity (3) at time t, with
+    the rotation matrix r there.
+    """
     s = t - m[START]
     slack = 1e-9 * m[DURATION]  # t is rounded, and a step may end exactly with the motion
     if s < -slack or s > m[DURATION] + slack:
@@ -181,9 +194,9 @@ def rates(m, t):
         rate[1] + a * x[1] + b * y[1],
         rate[2] + a * x[2] + b * y[2],
     )
-    around = cross(omega, arm_at(m, t))
+    around = cross(omega, times(r, 0, m[ATTACHMENT], m[ATTACHMENT + 1], m[ATTACHMENT + 2]))
     # Rate of the swing-twist angle: omega.(d + d0) / (1 + d.d0), directions now and at s = 0.
-    d, d0 = direction_at(m, t), first_direction(m)
+    d, d0 = times(r, 0, m[DIRECTION], m[DIRECTION + 1], m[DIRECTION + 2]), first_direction(m)
     both = 1.0 + dot(d, d0)
     twist = 0.0
     if both > 0.0:

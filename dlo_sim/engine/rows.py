@@ -33,9 +33,20 @@ from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES
 from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, VECTOR
 from dlo_sim.engine.band import invert_in_place
-from dlo_sim.engine.grasps import component, moves, place, prescribed_place, rates, turned
+from dlo_sim.engine.grasps import (
+    component,
+    moves,
+    place_at,
+    prescribed_twist,
+    rates,
+    rotation_at,
+    times,
+)
 from dlo_sim.engine.lines import add, kinetic
+from dlo_sim.engine.spans import three
 from dlo_sim.terms.vectors import cross
+
+ROTATION, PLACE, RATES = 0, 9, 13  # entries of `work.held`: by rows; place and twist; their rates
 
 # -- values and shifts --------------------------------------------------------------------------
 
@@ -151,17 +162,17 @@ def turns(cable, k):
 
 
 @inline
-def direction_of(cable, k, t):
-    """Direction e of a turning row at time t, world frame."""
-    body = cable.rows.body[k]
-    return turned(cable.inputs.motion[cable.rows.grasp[k]], t, body[0], body[1], body[2])
+def direction_of(cable, k):
+    """Direction e of a turning row, world frame, after `set_held`."""
+    held, body = cable.work.held[cable.rows.grasp[k]], cable.rows.body[k]
+    return times(held, ROTATION, body[0], body[1], body[2])
 
 
 @inline
-def direction_rate(cable, k, t):
-    """e' = omega x e of a turning row at time t [1/s], world frame."""
-    v = rates(cable.inputs.motion[cable.rows.grasp[k]], t)
-    return cross((v[4], v[5], v[6]), direction_of(cable, k, t))
+def direction_rate(cable, k):
+    """e' = omega x e of a turning row [1/s], world frame, after `set_held_rates`."""
+    held = cable.work.held[cable.rows.grasp[k]]
+    return cross(three(held, RATES + 4), direction_of(cable, k))
 
 
 @inline
@@ -236,54 +247,81 @@ def grasps_move(cable):
 
 
 @kernel(void, CABLE, float64)
+def set_held(cable, t):
+    """Set the poses of the grasps in `work.held` to those at time t."""
+    for g in range(cable.grasps):
+        m, held = cable.inputs.motion[g], cable.work.held[g]
+        r = rotation_at(m, t)
+        a = place_at(m, t, r)
+        for k in range(9):
+            held[ROTATION + k] = r[k]
+        for k in range(3):
+            held[PLACE + k] = a[k]
+        held[PLACE + 3] = prescribed_twist(cable, g, a[3])
+
+
+@inline
+def set_held_rates(cable, t):
+    """`set_held`, and the rates of the grasps, zero for those that do not move."""
+    set_held(cable, t)
+    for g in range(cable.grasps):
+        m, held = cable.inputs.motion[g], cable.work.held[g]
+        if not moves(m):
+            for k in range(7):
+                held[RATES + k] = 0.0
+            continue
+        v = rates(m, t, held)
+        for k in range(7):
+            held[RATES + k] = v[k]
+
+
+@kernel(void, CABLE, float64)
 def set_targets(cable, t):
     """Set work.targets and the turning directions in work.ahead to those at time t."""
     rows, work = cable.rows, cable.work
+    set_held(cable, t)
     for k in range(rows.count):
         line, share = rows.line[k], cable.points.sum[rows.point[k]]
         if rows.grasp[k] < 0:  # two branches stay together
             work.targets[k] = 0.0
             continue
-        a = prescribed_place(cable, rows.grasp[k], t)
-        target = 0.0
+        held, target = work.held[rows.grasp[k]], 0.0
         if line == cable.dim:
-            target = a[3]
+            target = held[PLACE + 3]
         elif line >= 0:
-            target = component(a, cable.axes[line])
+            target = held[PLACE + cable.axes[line]]
         else:
-            e = direction_of(cable, k, t)
+            e = direction_of(cable, k)
             for d in range(cable.dim):
                 axis = cable.axes[d]
                 work.ahead[k, d] = component(e, axis)
-                target += component(e, axis) * component(a, axis)
+                target += component(e, axis) * held[PLACE + axis]
         work.targets[k] = share * target
 
 
 @inline
 def target_rates(cable, x, t):
     """work.rates = rates of the targets at time t, for the configuration x."""
-    rows = cable.rows
-    for k in range(rows.count):
-        moving = rows.grasp[k] >= 0 and moves(cable.inputs.motion[rows.grasp[k]])
-        cable.work.rates[k] = target_rate(cable, k, x, t) if moving else 0.0
+    set_held_rates(cable, t)
+    for k in range(cable.rows.count):
+        cable.work.rates[k] = target_rate(cable, k, x) if cable.rows.grasp[k] >= 0 else 0.0
 
 
 @inline
-def target_rate(cable, k, x, t):
+def target_rate(cable, k, x):
     """s e.A' - e'.(b.x - s A) of row k with attachment point A, direction e, s = sum of b."""
     line, point = cable.rows.line[k], cable.rows.point[k]
-    share, m = cable.points.sum[point], cable.inputs.motion[cable.rows.grasp[k]]
-    v = rates(m, t)
+    share, held = cable.points.sum[point], cable.work.held[cable.rows.grasp[k]]
     if line == cable.dim:
-        return share * v[3]
+        return share * held[RATES + 3]
     if line >= 0:
-        return share * component(v, cable.axes[line])
-    a, e, spin = place(m, t), direction_of(cable, k, t), direction_rate(cable, k, t)
+        return share * held[RATES + cable.axes[line]]
+    e, spin = direction_of(cable, k), direction_rate(cable, k)
     rate = 0.0
     for d in range(cable.dim):
         axis = cable.axes[d]
-        arm = point_value(cable, point, d, x) - share * component(a, axis)
-        rate += share * component(e, axis) * component(v, axis)
+        arm = point_value(cable, point, d, x) - share * held[PLACE + axis]
+        rate += share * component(e, axis) * held[RATES + axis]
         rate -= component(spin, axis) * arm
     return rate
 
@@ -380,13 +418,13 @@ def pulled(cable, values):
 def direction_rates(cable, t):
     """Set work.ahead to e' of the turning rows; return whether any of them is not zero."""
     found = False
+    set_held_rates(cable, t)
     for k in range(cable.rows.count):
         if not turns(cable, k):
             continue
-        moving = moves(cable.inputs.motion[cable.rows.grasp[k]])
-        spin = direction_rate(cable, k, t)
+        spin = direction_rate(cable, k)
         for d in range(cable.dim):
-            rate = component(spin, cable.axes[d]) if moving else 0.0
+            rate = component(spin, cable.axes[d])
             cable.work.ahead[k, d] = rate
             found = found or rate != 0.0
     return found

@@ -14,7 +14,7 @@ from numba import boolean, float64, void
 
 from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, SPRUNG
-from dlo_sim.engine.grasps import component, direction_at, moves, prescribed_place
+from dlo_sim.engine.grasps import component, direction_at, moves, place, prescribed_twist
 from dlo_sim.engine.rows import point_value
 
 ROLL_DAMPING = 0.5  # damping over stiffness, in units of the step
@@ -110,8 +110,10 @@ def target_of(cable, k, t):
     line, grasp = cable.rows.line[row], cable.rows.grasp[row]
     if cable.rows.aims[row]:
         return component(direction_at(cable.inputs.motion[grasp], t), cable.axes[line])
-    a = prescribed_place(cable, grasp, t)
-    return a[3] if line == cable.dim else component(a, cable.axes[line])
+    a = place(cable.inputs.motion[grasp], t)
+    if line == cable.dim:
+        return prescribed_twist(cable, grasp, a[3])
+    return component(a, cable.axes[line])
 
 
 @kernel(void, CABLE, float64, terms=SPRUNG)

@@ -464,7 +464,11 @@ def newton_matrix(cable, t0, tau, a, discrete):
         if is_viscous(cable):
             viscous = 1.0 / tau
     begin, end = (work.start, state.x) if discrete else (middle, middle)
+    # Without plastic flow, which may turn back: with a matrix that is too soft a single correction
+    # would overshoot, and at rest there is only one in a step.
+    slip, state.balance.slip = state.balance.slip, 0.0
     discrete_jacobian(cable, begin, end, viscous, 0.5 + twist_damping(cable, tau), 1.0, matrix)
+    state.balance.slip = slip
     if cable.terms & CONTACT:
         contact.add_tangent(cable, YES, 1.0, matrix)
     add_springs(cable, 0.5, matrix)
