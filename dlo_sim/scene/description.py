@@ -198,15 +198,15 @@ class Scene:
     @property
     def may_roll(self) -> bool:
         """Whether friction of obstacles would roll a cable whose twist acts on its shape; not with
-        contact.self on, as the matrix of an iteration is then without the twist.
+        contact.self_contact on, as the matrix of an iteration is then without the twist.
         """
         later = bool(self.contact.markers) and self.touches and self.contact.friction > 0.0
-        return (bool(self.rubbing) or later) and self.contact.self != "on"
+        return (bool(self.rubbing) or later) and self.contact.self_contact != "on"
 
     @property
     def rubs_itself(self) -> bool:
         """Whether the cable touches itself with friction."""
-        return self.contact.self == "on" and self.contact.friction > 0.0
+        return self.contact.self_contact == "on" and self.contact.friction > 0.0
 
     @property
     def ends(self) -> dict[str, End]:
@@ -388,6 +388,7 @@ def scene_values(scene: Scene) -> dict[str, Any]:
 
 def overridden(values: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
     """The values with changes applied, without the blocks of names that are dropped."""
+    changes = without_retired(changes)
     left = dict(values)
     for group in NAMED:
         if f"{group}.names" in changes:

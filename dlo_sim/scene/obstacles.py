@@ -23,9 +23,9 @@ class Contact:
     """Contact of the cable with obstacles and with itself: what they have in common.
 
     Parameters:
-        self: Whether the cable touches itself, with contact.friction, instead of passing through
-            itself; needs energy_momentum or implicit_midpoint. auto = off, with a warning where it
-            passes through.
+        self_contact: Whether the cable touches itself, with contact.friction, instead of passing
+            through itself; needs energy_momentum or implicit_midpoint. auto = off, with a warning
+            where it passes through.
         stiffness: Contact force per unit length and penetration depth; 0 = chosen for each
             obstacle, so that the weight on earth presses the cable in by a thousandth of its
             diameter, landing at 2 m/s or usual tension round an edge by a fiftieth, and so on
@@ -39,7 +39,7 @@ class Contact:
             0 = it does not listen there.
     """
 
-    self: str = parameter("auto", choices=SWITCH)
+    self_contact: str = parameter("auto", choices=SWITCH)
     stiffness: float = parameter(0.0, "N/m^2", (0.0, 1.0e12))
     restitution: float = parameter(0.0, "", (0.0, 1.0))
     damping: float = parameter(0.3, "", (0.0, 10.0))

@@ -89,8 +89,8 @@ TERMS = (
     ),
     Term(
         "self_contact",
-        needed=lambda scene: scene.contact.self == "on",
-        absent="contact.self is not on",
+        needed=lambda scene: scene.contact.self_contact == "on",
+        absent="contact.self_contact is not on",
     ),
     Term(
         "friction",
@@ -211,7 +211,7 @@ def _of_damping(
 
 
 def _on(scene: Scene) -> str:
-    return "on" if scene.contact.self == "on" else ""
+    return "on" if scene.contact.self_contact == "on" else ""
 
 
 def _touching(scene: Scene) -> str:
@@ -249,7 +249,7 @@ RESTRICTIONS = (
     Restriction(EXPLICIT, "terms.twist", _of_twist("frenet"), "auto"),
     Restriction(IMPLICIT, "terms.twist", _of_twist("quasistatic"), "auto"),
     Restriction(IMPLICIT, "terms.twist", _of_twist("bishop"), "off"),
-    Restriction(FORWARD, "contact.self", _on, "off"),
+    Restriction(FORWARD, "contact.self_contact", _on, "off"),
     Restriction(FORWARD, "damping.stiffness", _of_damping("stiffness")),
     Restriction(FORWARD, "damping.stretch", _of_damping("stretch")),
     Restriction(FORWARD, "damping.bend", _of_damping("bend")),

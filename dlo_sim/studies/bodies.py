@@ -159,7 +159,7 @@ HEIGHTS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.6)  # [m]
 ROPE: Values = {
     "cable": {"length": 1.0, "diameter": 0.006},
     "start": FREE,
-    "contact": {"friction": 0.5, "self": "on"},
+    "contact": {"friction": 0.5, "self_contact": "on"},
     "obstacles": {"names": ["table"]},
 }
 

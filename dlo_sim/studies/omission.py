@@ -120,7 +120,7 @@ TERMS = {
     "frenet": Term(FRENET, UNTWISTED, "terms.twist is not frenet", ("twist", "quasistatic")),
     "quasistatic": Term(QUASISTATIC, BISHOP, "terms.twist is not quasistatic"),
     "contact": Term(GROUND, UNTOUCHED, along=("friction",)),
-    "self_contact": Term({"contact.self": "on"}, {"contact.self": "off"}),
+    "self_contact": Term({"contact.self_contact": "on"}, {"contact.self_contact": "off"}),
     "friction": Term({"contact.friction": 0.3}, _smooth),
     "plasticity": Term(YIELDING, {"terms.plasticity": "off"}),
     "gravity": Term({"terms.gravity": "on"}, {"terms.gravity": "off"}),

@@ -39,7 +39,7 @@ STRANDS: Values = flat(
         "cable": {"linear_density": 0.05, "bending_stiffness": 1e-3},
         "damping": {"air_drag": 0.3, "bend": 5e-3, "stretch": 1e-3},
         "gravity": [0.0, 0.0, 0.0],
-        "contact": {"self": "on"},
+        "contact": {"self_contact": "on"},
         "terms": {"twist": "off", "out_of_plane": "on"},
         "start": {"fixed": [True] * 3},
         "end": {"fixed": [True] * 3},

@@ -193,7 +193,7 @@ def at_itself(rng: np.random.Generator, step: float, settings: Values) -> Timed:
     velocities = np.tile(rng.normal(0.0, 1.0, 3), (POINTS, 1))
     thrown = np.clip((-0.01 - points[:, 0]) / 0.02, 0.0, 1.0) * (points[:, 1] > 0.0)
     velocities[:, 1] -= SPEED * thrown
-    return flying(length, points, velocities, step, {"contact.self": "on"} | settings)
+    return flying(length, points, velocities, step, {"contact.self_contact": "on"} | settings)
 
 
 def flying(length: float, points: Array, velocities: Array, step: float, values: Values) -> Timed:
