@@ -22,7 +22,9 @@ class Term:
     Attributes:
         name: as in `left_out`; also of its switch in `terms`, and of its bit in
             `engine.arrays.BITS`, where it has one.
+        variants: names of its models, if it has several, which are terms, too.
         needed: whether a scene needs it, `terms.twist` apart (`needs`).
+        presses: whether it may move, press or bend a cable that hangs taut.
         absent: why a scene lacks it that does not need it.
         loss: what a scene loses in which it is needed but switched off.
         forces: forces that it exerts, or velocities that it imposes, in the world; the cable stays
@@ -35,6 +37,8 @@ class Term:
     name: str
     needed: Callable[[Scene], bool]
     absent: str
+    variants: Names = ()
+    presses: bool = False
     loss: Callable[[Scene], str] = lambda scene: ""
     forces: Callable[[Scene], Sequence[Vector]] = lambda scene: ()
     numbers: Callable[[Scene], dict[str, float | Vector]] = lambda scene: {}
@@ -60,6 +64,7 @@ TERMS = (
         "twist",
         needed=lambda scene: scene.may_twist,
         absent="nothing twists the cable",
+        variants=("frenet", "bishop", "quasistatic"),
         loss=lambda scene: (
             "nothing turns the cable about its own axis, although a gripper or a moment does"
         ),
@@ -115,8 +120,13 @@ TERMS = (
         ),
         absent="no end hangs on a spring",
     ),
-    Term("loads", needed=lambda scene: bool(scene.loads), absent="no loads"),
-    Term("drive", needed=lambda scene: scene.is_driven, absent="no gripper moves an end"),
+    Term("loads", needed=lambda scene: bool(scene.loads), absent="no loads", presses=True),
+    Term(
+        "drive",
+        needed=lambda scene: scene.is_driven,
+        absent="no gripper moves an end",
+        presses=True,
+    ),
     Term(
         "damping",
         needed=lambda scene: (
@@ -149,6 +159,7 @@ TERMS = (
         "pressure",
         needed=lambda scene: scene.hose.thrust > 0.0,
         absent="no pressure inside",
+        presses=True,
         numbers=lambda scene: {"thrust": scene.hose.thrust},
         faint={"hose.pressure": 1e-3, "hose.bore": 1e-4},
     ),
