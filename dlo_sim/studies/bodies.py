@@ -13,30 +13,21 @@ from functools import partial
 import numpy as np
 
 from dlo_sim.core import bspline, mass
-from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.scene.loading import flat_keys
 from dlo_sim.simulation.obstacles import BRISTLES, stiffness
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.known_answers import (
-    Answer,
-    Answers,
-    Array,
-    Values,
-    answered,
-    flat,
-    motion,
-    simulator,
-)
+from dlo_sim.studies.known_answers import Answer, Answers, Array, Values, answered, simulator
 from dlo_sim.studies.runs import Timed
 
-FREE = {"fixed": [False] * 3}
+FREE: Values = {"fixed": [False] * 3}
 WEIGHTLESS: Values = {"gravity": [0.0, 0.0, 0.0]}
 ALONG_Y = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]  # orientation of a cylinder
 ROD_FRICTION, ROD_GRAVITY = 0.4, 9.8
-ROD: Values = flat(
+ROD: Values = flat_keys(
     {
         "cable": {"length": 1.0, "diameter": 0.05, "linear_density": 1.0, "axial_stiffness": 1e7},
         "gravity": [0.0, 0.0, -ROD_GRAVITY],
-        "start": {**FREE, "position": [0.0, 0.0, 0.025]},
+        "start": FREE | {"position": [0.0, 0.0, 0.025]},
         "end": {"position": [1.0, 0.0, 0.025]},
         "obstacles": {"names": ["table"], "table": {"friction": ROD_FRICTION}},
         "terms": {"out_of_plane": "off"},
@@ -215,7 +206,7 @@ def plug(modulus: float, points: int) -> Answers:
         },
         step=1e-3,
     )
-    sim.set_motion("start", motion(1.5, np.zeros(3), [(pushed + gap) / 1.5, 0.0, 0.0]))
+    sim.move("start", 1.5, [(pushed + gap) / 1.5, 0.0, 0.0])
     sim.run(3.0)
     exact = sim.scene.cable.EA * pushed / length
     pressed = -float(sim.contact("face").force[0])
@@ -264,7 +255,7 @@ def lifted(clamped: bool, points: int) -> Answers:
     if clamped:
         held |= {"end.fixed": [True] * 3, "end.clamped": True}
     sim = simulator(LYING, LIFTED, held, step=1e-3)
-    sim.set_motion("end", motion(0.5, [0.6, 0.0, 0.0025], [0.0, 0.0, LIFT / 0.5]))
+    sim.move("end", 0.5, [0.0, 0.0, LIFT / 0.5])
     sim.run(6.0)
     length = ((72.0 if clamped else 24.0) * EI * LIFT / WEIGHT) ** 0.25
     u = np.linspace(sim.contact("table").u.max(), 0.6, 20_001)
@@ -339,8 +330,7 @@ def capstan(wrap: float, points: int, drum: Values | None = None) -> Answers:
         step=1e-3,
     )
     bend(sim, place)
-    first = sim.control_points[0, :3]
-    sim.set_motion("start", motion(4.0, first, -0.02 * np.array([cosine, 0.0, sine])))
+    sim.move("start", 4.0, -0.02 * np.array([cosine, 0.0, sine]))
     sim.run(1.8)
     pull = mean(sim, 40, 0.03, lambda: float(np.linalg.norm(sim.reaction("start")[0])))
     return answered(sim, Answer("pull [N]", math.exp(DRUM_FRICTION * wrap), pull, 0.01))
@@ -351,7 +341,7 @@ def conveyor(step: float) -> Answers:
     soft: Values = {"cable.bending_stiffness": 1e-4, "discretization.control_points": 40}
     rough: Values = {"start.fixed": [True] * 3, "obstacles.table.friction": BELT_FRICTION}
     sim = simulator(LYING, {"end": FREE}, soft, rough, step=step)
-    sim.move_obstacle("table", motion(10.0, np.zeros(3), [0.2, 0.0, 0.0]))
+    sim.move("table", 10.0, [0.2, 0.0, 0.0])
     sim.run(1.0)
     pull = mean(sim, 100, 0.01, lambda: -sim.reaction("start")[0][0])
     return answered(sim, Answer("force [N]", BELT_FRICTION * 0.6 * WEIGHT, pull, 0.01))
@@ -403,9 +393,7 @@ def column(points: int) -> Answers:
 
     bend(sim, place)
     sim.run(0.3)
-    path = EndMotion.resting([length - begun, 0.0, 0.0], start=sim.time)
-    way = 0.3 * flat_at * length / axial
-    sim.set_motion("end", path.then(2.0, velocity=[-0.5 * way, 0.0, 0.0]))
+    sim.move("end", 2.0, [-0.15 * flat_at * length / axial, 0.0, 0.0])
     shares = np.linspace(0.3, 0.98, 1001)
     y = 2.0 * math.pi * np.sqrt(shares)
     law = 1.0 - np.cos(y) - (y - np.sin(y)) / np.tan(0.5 * y)

@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from dlo_sim.core import rotations
-from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.scene.loading import scene_from_values
+from dlo_sim.scene.loading import flat_keys, scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.runs import Timed
 
@@ -66,31 +64,9 @@ def answered(sims: Timed | list[Timed], *answers: Answer) -> Answers:
     return Answers(answers, sum(one.seconds for one in every), every[-1])
 
 
-def flat(groups: Mapping[str, object], prefix: str = "") -> Values:
-    """Nested groups as values of a scene: {"cable": {"length": 1.0}} -> {"cable.length": 1.0}."""
-    found: Values = {}
-    for key, value in groups.items():
-        inside = isinstance(value, dict)
-        found |= flat(value, f"{prefix}{key}.") if inside else {prefix + key: value}  # type: ignore[arg-type]
-    return found
-
-
 def simulator(*values: Mapping[str, object], step: float) -> Timed:
     """A simulator of merged values, nested or not, with energy_momentum."""
     merged: Values = {"integrator.method": "energy_momentum", "integrator.step": step}
     for one in values:
-        merged |= flat(one)
+        merged |= flat_keys(one)
     return Timed(scene_from_values(merged))
-
-
-def motion(
-    seconds: float, position: ArrayLike, velocity: ArrayLike, start: float = 0.0
-) -> EndMotion:
-    """A motion at constant velocity from time `start`."""
-    return EndMotion(
-        start=start,
-        duration=seconds,
-        position=position,
-        orientation=rotations.IDENTITY,
-        velocity=velocity,
-    )
