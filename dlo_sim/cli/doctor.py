@@ -5,6 +5,7 @@ import os
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from dlo_sim.cli import FAILED
 from dlo_sim.cli.arguments import CommandError, Parser, add_scene, positive_seconds, read_scene
 from dlo_sim.cli.output import print_json, tell
 from dlo_sim.scene.refusal import SceneError
@@ -13,8 +14,6 @@ if TYPE_CHECKING:
     from dlo_sim.doctor.findings import Finding
     from dlo_sim.scene.description import Scene
     from dlo_sim.session.session import Session
-
-PROBLEMS = 3
 
 HELP = "check the installation, a scene and its topics, and suggest fixes"
 
@@ -26,17 +25,14 @@ def add_arguments(parser: Parser) -> None:
         "method and step, whether this machine keeps up, and its live topics. Exit status 3 if "
         "there is a problem."
     )
-    add_scene(parser, named=False)
-    parser.option("scene SCENE", "scene file, or a shipped scene's name", nargs="?")
+    add_scene(parser, nargs="?")
     text = "how long to listen to the topics [s] (default: 3)"
     parser.option("--seconds S", text, type=positive_seconds, default=3.0)
 
 
 def run(options: argparse.Namespace) -> int:
     """Look and print; returns the exit status."""
-    if options.assignments and not options.scene:
-        raise CommandError("--set changes a scene; give SCENE, too")
-    scene = read_scene(options.scene, options.assignments) if options.scene else None
+    scene = read_scene(options) if options.scene else None
     found = []
     for finding in _findings(scene, options.seconds):
         found.append(finding)
@@ -44,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
             _print(finding)
     if options.json:
         print_json({"findings": [finding._asdict() for finding in found]})
-    return PROBLEMS if any(finding.level == "problem" for finding in found) else 0
+    return FAILED if any(finding.level == "problem" for finding in found) else 0
 
 
 def _print(finding: "Finding") -> None:
