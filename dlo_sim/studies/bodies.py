@@ -6,17 +6,26 @@ Each is a function of its resolution, a step or a number of control points.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 
-from dlo_sim.core import bspline, mass
+from dlo_sim.core import mass
 from dlo_sim.scene.loading import flat_keys
 from dlo_sim.simulation.obstacles import BRISTLES, stiffness
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.known_answers import Answer, Answers, Array, Values, answered, simulator
+from dlo_sim.studies.known_answers import (
+    CLAMPED,
+    Answer,
+    Answers,
+    Array,
+    Values,
+    along,
+    answered,
+    laid_along,
+    simulator,
+    with_tails,
+)
 from dlo_sim.studies.runs import Timed
 
 FREE: Values = {"fixed": [False] * 3}
@@ -274,33 +283,16 @@ def lifted(clamped: bool, points: int) -> Answers:
     return answered(sim, *answers)
 
 
-def wound(wrap: float) -> tuple[float, Callable[[float], tuple[float, float, float]]]:
-    """Length of a cable over the top of the drum, with straight ends along the tangents, and its
-    place by material coordinate.
-    """
-    bend, half = DRUM + THICK, 0.5 * wrap
-    length = wrap * bend + 2.0 * TAIL
-    cosine, sine = math.cos(half), math.sin(half)
-
-    def place(u: float) -> tuple[float, float, float]:
-        beyond = max(TAIL - u, 0.0), max(u - length + TAIL, 0.0)
-        angle = min(max((u - TAIL) / bend, 0.0), wrap) - half
-        x = bend * math.sin(angle) + (beyond[1] - beyond[0]) * cosine
-        return x, 0.0, bend * math.cos(angle) - (beyond[0] + beyond[1]) * sine
-
-    return length, place
-
-
-def cord(length: float, **ends: object) -> Values:
-    """A flexible weightless or heavy cable, held or not, in its plane."""
-    cable = {"length": length, "diameter": 2.0 * THICK, "linear_density": 0.05}
-    cable |= {"axial_stiffness": 500.0, "bending_stiffness": 1e-6}
-    return {
-        "cable": cable,
-        "initial": {"shape": "straight"},
-        "terms": {"out_of_plane": "off"},
-        **ends,
-    }
+# A flexible cable in its plane.
+CORD: Values = {
+    "cable": {"diameter": 2.0 * THICK, "linear_density": 0.05, "axial_stiffness": 500.0},
+    "cable.bending_stiffness": 1e-6,
+    "start": FREE,
+    "end": FREE,
+    "initial": {"shape": "straight"},
+    "terms": {"out_of_plane": "off"},
+    "discretization": {"knots": "uniform"},
+}
 
 
 def capstan(wrap: float, points: int, drum: Values | None = None) -> Answers:
@@ -308,28 +300,27 @@ def capstan(wrap: float, points: int, drum: Values | None = None) -> Answers:
 
     `drum`: what else than a cylinder it is, of diameter 0.1 m about the y axis.
     """
-    length, place = wound(wrap)
+    angle = np.linspace(-0.5 * wrap, 0.5 * wrap, 4000)
+    round_it = np.stack((np.sin(angle), 0.0 * angle, np.cos(angle)), axis=1)
+    length, place = laid_along(with_tails((DRUM + THICK) * round_it, TAIL), points)
     cosine, sine = math.cos(0.5 * wrap), math.sin(0.5 * wrap)
     cylinder = {"shape": "cylinder", "size": [2.0 * DRUM, 2.0 * DRUM, 0.2], "orientation": ALONG_Y}
-    sim = simulator(
+    sim = along(
+        place,
+        length,
+        1e-3,
+        CORD,
         WEIGHTLESS,
-        cord(
-            length,
-            start={"position": list(place(0.0))},
-            end={**FREE, "position": list(place(length))},
-        ),
         {
+            "start.fixed": [True] * 3,
             "loads.names": ["weight"],
             "loads.weight": {"signal": "constant", "force": [cosine, 0.0, -sine]},
             "obstacles.names": ["drum"],
             "obstacles.drum": {**cylinder, "friction": DRUM_FRICTION},
             "contact.stiffness": STIFF,
-            "discretization.control_points": points,
         },
         drum or {},
-        step=1e-3,
     )
-    bend(sim, place)
     sim.move("start", 4.0, -0.02 * np.array([cosine, 0.0, sine]))
     sim.run(1.8)
     pull = mean(sim, 40, 0.03, lambda: float(np.linalg.norm(sim.reaction("start")[0])))
@@ -347,16 +338,6 @@ def conveyor(step: float) -> Answers:
     return answered(sim, Answer("force [N]", BELT_FRICTION * 0.6 * WEIGHT, pull, 0.01))
 
 
-def bend(sim: Simulator, place: Callable[[float], tuple[float, float, float]]) -> None:
-    """Start from a shape given by material coordinate."""
-    points = np.zeros((len(sim.greville), 4))
-    line = np.array([place(u) for u in sim.greville])
-    points[:, :3] = bspline.interpolate(sim.model.knots, line)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="control points: those held")
-        sim.start_from(points)
-
-
 def column(points: int) -> Answers:
     """A clamped column between walls, pressed along itself: where the load reaches
     16 pi^2 EI / L^2, its middle lies flat on a wall that it touched at a point before.
@@ -370,28 +351,26 @@ def column(points: int) -> Answers:
     flat_at = 16.0 * math.pi**2 * EI / length**2
     bow = (math.pi * gap) ** 2 / (4.0 * length)  # by which it is shorter than the wall it touches
     begun = bow + 0.4 * flat_at * length / axial
-    clamp = {"fixed": [True] * 3, "clamped": True, "tangent": [1.0, 0.0, 0.0]}
-    wall = 0.5 * thick + gap
-    sim = simulator(
+    u, wall = np.linspace(0.0, length, 2000), 0.5 * thick + gap
+    height = 0.5 * gap * (1.0 - np.cos(2.0 * math.pi * u / length))
+    _, place = laid_along(np.stack((u * (1.0 - begun / length), 0.0 * u, height), axis=1), points)
+    sim = along(
+        place,
+        length,
+        1e-3,
+        CORD,
         WEIGHTLESS,
-        cord(length, start=clamp, end={**clamp, "position": [length - begun, 0.0, 0.0]}),
         {
+            "start": CLAMPED,
+            "end": CLAMPED,
             "cable": {"diameter": thick, "axial_stiffness": axial, "bending_stiffness": EI},
             "damping": {"mass": 20.0, "bend": 2e-3},
             "obstacles.names": ["floor", "roof"],
             "obstacles.floor.position": [0.0, 0.0, -wall],
             "obstacles.roof": {"position": [0.0, 0.0, wall], "orientation": [1.0, 0.0, 0.0, 0.0]},
             "contact.stiffness": 1e8,
-            "discretization.control_points": points,
         },
-        step=1e-3,
     )
-
-    def place(u: float) -> tuple[float, float, float]:
-        height = 0.5 * gap * (1.0 - math.cos(2.0 * math.pi * u / length))
-        return u * (1.0 - begun / length), 0.0, height
-
-    bend(sim, place)
     sim.run(0.3)
     sim.move("end", 2.0, [-0.15 * flat_at * length / axial, 0.0, 0.0])
     shares = np.linspace(0.3, 0.98, 1001)
@@ -426,37 +405,29 @@ def pegs(points: int) -> Answers:
     least = int(np.argmin(lengths))
     shortest, a, phi = (float(one[least]) for one in (lengths, sags, slopes))
 
-    def over(middle: float, u: float) -> tuple[float, float, float]:
-        """Place at u of a chain with this middle."""
-        side, s = math.copysign(1.0, u - middle), abs(u - middle)
-        inside = a * math.tan(phi)
-        over_peg = inside + rho * (phi + 0.5 * math.pi)
-        if s < inside:
-            height = math.hypot(a, s) + rho * math.cos(phi) - a / math.cos(phi)
-            return side * a * math.asinh(s / a), 0.0, height
-        if s < over_peg:
-            slope = phi - (s - inside) / rho
-            return side * (half - rho * math.sin(slope)), 0.0, rho * math.cos(slope)
-        return side * (half + rho), 0.0, over_peg - s
-
+    # The chain from its middle to where it hangs from the right peg, without its tail.
+    s, slope = np.linspace(0.0, a * math.tan(phi), 999), np.linspace(phi, -0.5 * math.pi, 4000)[1:]
+    x = np.append(a * np.arcsinh(s / a), half - rho * np.sin(slope))
+    top = rho * math.cos(phi) - a / math.cos(phi)
+    z = np.append(np.hypot(a, s) + top, rho * np.cos(slope))
+    right = np.stack((x, 0.0 * x, z), axis=1)
+    over = np.vstack((right[:0:-1] * [-1.0, 1.0, 1.0], right))
+    inside = 2.0 * (a * math.tan(phi) + rho * (phi + 0.5 * math.pi))
     peg = {"shape": "cylinder", "size": [2.0 * radius, 2.0 * radius, 0.2], "orientation": ALONG_Y}
     chain: Values = {
         "damping": {"mass": 1.0, "bend": 1e-2},
-        "start": {**FREE, "position": [-half - rho, 0.0, -0.3]},
-        "end": {"position": [half + rho, 0.0, -0.3]},
         "obstacles": {
             "names": ["left", "right"],
             "left": {**peg, "position": [-half, 0.0, 0.0]},
             "right": {**peg, "position": [half, 0.0, 0.0]},
         },
         "contact": {"stiffness": 1e5},
-        "discretization": {"control_points": points, "knots": "uniform"},
     }
     low, high, sims = 0.98 * shortest, 1.02 * shortest, []
     while high - low > 2.5e-3 * shortest:
         length = 0.5 * (low + high)
-        sim = simulator(cord(length), chain, step=2e-3)
-        bend(sim, partial(over, 0.5 * length))
+        _, place = laid_along(with_tails(over, 0.5 * (length - inside)), points)
+        sim = along(place, length, 2e-3, CORD, chain)
         sim.run(3.0)
         runs_off = sim.centerline([0.5 * length])[0, 2] < -2.0 * half
         low, high = (length, high) if runs_off else (low, length)

@@ -8,23 +8,23 @@ import numpy as np
 
 from dlo_sim.core import bspline
 from dlo_sim.scene.loading import flat_keys
-from dlo_sim.studies.known_answers import Answer, Answers, Array, Values, answered, simulator
+from dlo_sim.studies.known_answers import (
+    CLAMPED,
+    Answer,
+    Answers,
+    Array,
+    Values,
+    along,
+    answered,
+    laid_along,
+    simulator,
+    with_tails,
+)
 from dlo_sim.studies.runs import Timed
-
-
-def laid_along(path: Array, points: int) -> tuple[float, Array]:
-    """Length of a path of dense points (m, 3), and control points of a cable along it."""
-    s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
-    u = np.linspace(0.0, s[-1], 20 * points)
-    basis = bspline.evaluate(np.eye(points), bspline.clamped_knots(points, s[-1]), u)
-    dense = np.stack([np.interp(u, s, path[:, axis]) for axis in range(3)], axis=1)
-    return float(s[-1]), np.asarray(np.linalg.lstsq(basis, dense, rcond=None)[0])
-
 
 LEG, BOW = 0.15, 0.03  # length of the legs of a loop, and its radius [m]
 
 
-CLAMPED = {"fixed": [True] * 3, "clamped": True, "tangent": [1.0, 0.0, 0.0]}
 STRANDS: Values = {  # held at both ends, and touch each other
     "cable": {"linear_density": 0.05, "bending_stiffness": 1e-3},
     "damping": {"air_drag": 0.3, "bend": 5e-3, "stretch": 1e-3},
@@ -35,21 +35,6 @@ STRANDS: Values = {  # held at both ends, and touch each other
     "end": {"fixed": [True] * 3},
     "discretization": {"knots": "uniform"},
 }
-
-
-def along(
-    place: Array, length: float, step: float, *values: Values, velocities: Array | None = None
-) -> Timed:
-    """A cable with these control points (n, 3) and this length [m], straight without strain, and
-    with these velocities [m/s].
-    """
-    ends: Values = {"start.position": place[0].tolist(), "end.position": place[-1].tolist()}
-    size: Values = {"cable.length": length, "discretization.control_points": len(place)}
-    sim = simulator(size, ends, *values, step=step)
-    theta = np.zeros((len(place), 1))
-    rates = None if velocities is None else np.hstack([velocities, theta])
-    sim.start_from(np.hstack([place, theta]), rates)
-    return sim
 
 
 def linked(points: int) -> Answers:
@@ -152,16 +137,7 @@ def tightened(points: int, diameter: float) -> tuple[Array, Timed]:
     t = np.linspace(-2.05, 2.05, 4000)
     x, y = 0.05 * (t**3 - 3.0 * t), 0.04 * (t**4 - 4.0 * t**2)
     loop = np.stack((x, y, 0.003 * (t**5 - 10.0 * t)), axis=1)
-    tail = 0.25 * np.linspace(0.0, 1.0, 200)[:, None]
-    before, after = loop[0] - loop[1], loop[-1] - loop[-2]
-    path = np.vstack(
-        (
-            loop[0] + tail[:0:-1] * before / np.linalg.norm(before),
-            loop,
-            loop[-1] + tail[1:] * after / np.linalg.norm(after),
-        )
-    )
-    length, place = laid_along(path, points)
+    length, place = laid_along(with_tails(loop, 0.25), points)
     axial = 2e3
     cable: Values = {"cable.diameter": diameter, "cable.axial_stiffness": axial}
     sim = along(place, length, 4e-3, STRANDS, cable, {"damping.air_drag": 0.5})

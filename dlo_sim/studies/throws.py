@@ -17,9 +17,9 @@ import numpy as np
 from dlo_sim.core import mass, rotations
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.known_answers import Answer, Answers, Array, Values
+from dlo_sim.studies.known_answers import Answer, Answers, Array, Values, along, laid_along
 from dlo_sim.studies.runs import Timed
-from dlo_sim.studies.strands import along, laid_along, writhe
+from dlo_sim.studies.strands import writhe
 
 KINDS = ("box", "sphere", "edge", "itself")
 # What smooth contact keeps of the momentum, and what of it may be open. Where a step passes from a
