@@ -136,10 +136,8 @@ class Cable(Group):
         axis = self.rest_curvature_axis
         size = math.hypot(*axis)
         if abs(size - 1.0) > 1e-6:
-            unit = (
-                shown(tuple(round(a / size, 9) for a in axis)) if size > 0.0 else "[0.0, 1.0, 0.0]"
-            )
-            yield "rest_curvature_axis", f"is not a unit vector; give {unit}"
+            unit = tuple(round(a / size, 9) for a in axis) if size > 0.0 else (0.0, 1.0, 0.0)
+            yield "rest_curvature_axis", f"is not a unit vector; give {shown(unit)}"
 
 
 @dataclass(frozen=True)

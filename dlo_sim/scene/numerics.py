@@ -51,11 +51,8 @@ class Discretization(Group):
 
     def conflicts(self, key: str, scene: Any) -> Rules:
         """Quadratures that do not fit the knots, or leave motions that cost no energy."""
-        gauss, number, by_span = (
-            self.quadrature == "gauss",
-            self.control_points,
-            self.stretch == "span",
-        )
+        gauss, by_span = self.quadrature == "gauss", self.stretch == "span"
+        number = self.control_points
         least = max(2 * (number - 3), 4)
         if 0 < number < 4:
             yield "control_points", "are too few for a cubic; give 4 or more, or 0"

@@ -52,10 +52,8 @@ class Contact(Group):
         if 0.0 < self.stiffness < LEAST_STIFFNESS:
             yield "stiffness", f"is below {LEAST_STIFFNESS:g}; give 0 to have it chosen"
         if self.markers and scene.terms.contact == "off":
-            yield (
-                "markers",
-                "obstacles would do nothing, since terms.contact is off; set it to auto",
-            )
+            why = "since terms.contact is off; set it to auto"
+            yield "markers", f"obstacles would do nothing, {why}"
 
 
 @dataclass(frozen=True)
@@ -167,11 +165,9 @@ class Obstacle(Group):
         used = {"plane": 0, "mesh": 0, "sphere": 1, "ring": 2}.get(shape, 3)
         least = min(size[:used], default=LEAST_SIZE)
         if least < LEAST_SIZE:
-            what = (
-                f"{least:g} m where a {shape} needs more"
-                if least
-                else f"a zero that a {shape} needs"
-            )
+            what = f"{least:g} m where a {shape} needs more"
+            if least == 0.0:
+                what = f"a zero that a {shape} needs"
             yield "size", f"has {what}; give its extents, or remove it"
         elif shape in ("ring", "channel") and size[0] <= scene.cable.diameter:
             through = f"through which a cable of {scene.cable.diameter:g} m does not go"
