@@ -15,19 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.batch.workers import Workers
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.recording import Recording, record
 from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
 Case = TypeVar("Case", bound=tuple[Hashable, ...])
 Result = TypeVar("Result")
-
-
-def shipped(name: str, **values: object) -> Scene:
-    """A shipped scene with values changed; their dots as `__`: `cable__length=2.0`."""
-    dotted = {key.replace("__", "."): value for key, value in values.items()}
-    return load_scene(shipped_scene(name), dotted)
 
 
 def at_method(scene: Scene, method: str, step: float = 0.0) -> Scene:
