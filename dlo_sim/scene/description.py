@@ -175,12 +175,12 @@ class Scene:
         contact.self_contact on, as the matrix of an iteration is then without the twist.
         """
         later = bool(self.contact.markers) and self.touches and self.contact.friction > 0.0
-        return (bool(self.rubbing) or later) and self.contact.self_contact != "on"
+        return (bool(self.rubbing) or later) and not self.touches_itself
 
     @property
-    def rubs_itself(self) -> bool:
-        """Whether the cable touches itself with friction."""
-        return self.contact.self_contact == "on" and self.contact.friction > 0.0
+    def touches_itself(self) -> bool:
+        """Whether the cable touches itself, instead of passing through itself."""
+        return self.contact.self_contact == "on"
 
     @property
     def ends(self) -> dict[str, End]:

@@ -95,12 +95,14 @@ TERMS = (
     ),
     Term(
         "self_contact",
-        needed=lambda scene: scene.contact.self_contact == "on",
+        needed=lambda scene: scene.touches_itself,
         absent="contact.self_contact is not on",
     ),
     Term(
         "friction",
-        needed=lambda scene: bool(scene.rubbing) or scene.rubs_itself,
+        needed=lambda scene: (
+            bool(scene.rubbing) or (scene.touches_itself and scene.contact.friction > 0.0)
+        ),
         absent="the cable touches no obstacle, nor itself, with friction",
     ),
     Term(

@@ -181,7 +181,7 @@ def _round_spans(scene: Scene, bend: float, taut: float) -> list[tuple[float, st
             pulled through a guide or a knot [m].
     """
     found = []
-    if scene.contact.self_contact == "on":
+    if scene.touches_itself:
         found.append((_span_round(scene, None, taut), "another strand"))
     if not scene.touches:
         return found
