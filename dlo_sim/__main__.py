@@ -16,14 +16,12 @@ def main() -> int:
     """The command `dlo_sim`; returns the exit status."""
     _begin()
 
-    from dlo_sim.cli.node import is_asked_for
-
     def command() -> int:
         from dlo_sim.cli.main import main
 
         return main()
 
-    return _supervised(command, is_node=is_asked_for(sys.argv[1:]))
+    return _supervised(command, is_node=sys.argv[1:2] == ["node"])
 
 
 def node() -> int:

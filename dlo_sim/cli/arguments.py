@@ -72,10 +72,17 @@ def needing_plots(refusal: str) -> Iterator[None]:
         raise CommandError(refusal) from None
 
 
-def add_scene(parser: Parser, named: bool = True) -> None:
-    """Add `--set KEY=VALUE`, and the scene by its name unless it is another option."""
-    if named:
-        parser.option("scene SCENE", "scene file, or a shipped scene's name")
+def add_scene(
+    parser: Parser,
+    name: str = "scene",
+    what: str = "scene file, or a shipped scene's name",
+    **more: Any,
+) -> None:
+    """Add a scene under this name, and `--set KEY=VALUE`, for `read_scene`."""
+    if name.startswith("-"):
+        more["dest"] = "scene"
+    parser.option(f"{name} SCENE", what, **more)
+    parser.set_defaults(scene_words=f"{name} SCENE".removeprefix("scene "))
     text = "override a key of the scene, such as discretization.control_points=13; repeatable"
     parser.option("--set KEY=VALUE", text, action="append", default=[], dest="assignments")
 
@@ -111,16 +118,16 @@ def as_typed(words: Sequence[str], assignments: Sequence[str]) -> str:
     return shlex.join([*words, *(word for pair in changed for word in pair)])
 
 
-def read_scene(text: str, assignments: Sequence[str]) -> Scene:
+def read_scene(options: argparse.Namespace) -> Scene:
     """The scene that a user means, with `--set` applied.
 
     Raises:
         SceneError: if the file or a value is refused.
     """
     overrides: dict[str, object] = {}
-    for assignment in assignments:
+    for assignment in options.assignments:
         key, value = parse_assignment(assignment)
         if key in overrides:
             raise SceneError(f"--set {key} is given twice; keep one of them")
         overrides[key] = value
-    return load_scene(text, overrides)
+    return load_scene(options.scene, overrides)

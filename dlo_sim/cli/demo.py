@@ -6,13 +6,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dlo_sim.cli import FAILED
 from dlo_sim.cli.arguments import CommandError, Parser
 from dlo_sim.cli.output import print_json, print_rows, progress_bar, readable, run_time
 
 if TYPE_CHECKING:
     from dlo_sim.demo.demo import DemoSummary
 
-FAILED = 3
 
 HELP = "predict a cable from a generated bag; writes a bag, a web page and a picture"
 

@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dlo_sim.cli import FAILED
 from dlo_sim.cli.arguments import CommandError, Parser, add_scene, positive_seconds, read_scene
 from dlo_sim.cli.output import (
     check_output_file,
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from dlo_sim.simulation.forecast import Array, Forecast
     from dlo_sim.simulation.simulator import Simulator
 
-FAILED = 3
 _SHOWN = 5  # points of the last shape, for people
 
 HELP = "predict the effect of a planned motion on a cable"
@@ -49,7 +49,7 @@ def add_arguments(parser: Parser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Forecast, write and print; returns the exit status."""
-    scene = read_scene(options.scene, options.assignments)
+    scene = read_scene(options)
     if options.output is not None:
         check_output_file(options.output, options.scene, options.plan)
 

@@ -43,7 +43,7 @@ def add_arguments(parser: Parser) -> None:
         "Mass is not fitted: stiffness and drag are those for the given mass."
     )
     parser.option("data DATA", ".npz of markers, or a bag of markers or a force", type=Path)
-    parser.option("--scene SCENE", "scene file, or a shipped scene's name", required=True)
+    add_scene(parser, "--scene", required=True)
     parser.option("--output FITTED.yaml", "scene file to write", type=Path, required=True)
     text = "fit only this key; repeatable (default: all keys that the data can determine)"
     parser.option("--fit KEY", text, action="append", default=[])
@@ -58,12 +58,11 @@ def add_arguments(parser: Parser) -> None:
     )
     parser.option("--topic NAME=TOPIC", text, action="append", default=[])
     parser.option("--plots DIR", "folder for plots of residuals", type=Path)
-    add_scene(parser, named=False)
 
 
 def run(options: argparse.Namespace) -> int:
     """Fit, write and print; returns the exit status."""
-    scene = read_scene(options.scene, options.assignments)
+    scene = read_scene(options)
     check_output_file(options.output, options.scene, options.data)
     if options.plots is not None:
         with needing_plots("--plots needs matplotlib; install dlo_sim with the extra 'plots'"):

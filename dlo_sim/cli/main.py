@@ -10,27 +10,14 @@ import errno
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 
 from dlo_sim import __version__
 from dlo_sim.batch.workers import WorkerLost
-from dlo_sim.cli import (
-    demo,
-    doctor,
-    forecast,
-    identify,
-    methods,
-    node,
-    parameters,
-    replay,
-    simulate,
-    study,
-    tune,
-    view,
-)
-from dlo_sim.cli.arguments import Parser
+from dlo_sim.cli import FAILED, REFUSED, node
+from dlo_sim.cli.arguments import CommandError, Parser
 from dlo_sim.scene.refusal import Refusal, one_line
 
-REFUSED, FAILED = 2, 3
 # Cures for names that the system refuses, and for what else keeps a file from being written.
 _NAMES = dict.fromkeys(
     (errno.ENAMETOOLONG, errno.ELOOP, errno.EILSEQ), "give a name that the system can have"
@@ -44,13 +31,11 @@ _DISKS = {
 
 _LOOP = "Symlink loop"  # begins what Path.resolve says of one, until Python 3.12
 
-SUBCOMMANDS = {
-    module.__name__.rpartition(".")[2]: module
-    for module in (
-        *(demo, doctor, simulate, replay, forecast, view, identify),
-        *(study, tune, node, methods, parameters),
-    )
-}
+_NAMED = (
+    *("demo", "doctor", "simulate", "replay", "forecast", "view", "identify"),
+    *("study", "tune", "node", "methods", "parameters"),
+)
+SUBCOMMANDS = {name: import_module(f"dlo_sim.cli.{name}") for name in _NAMED}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -106,9 +91,11 @@ def _let_stdout_go() -> None:
 
 
 def _run(arguments: list[str]) -> int:
-    if node.is_asked_for(arguments):
+    if arguments[:1] == ["node"]:
         return node.run_node(arguments[1:])
     options = _parser().parse_args(arguments)
+    if getattr(options, "assignments", ()) and not options.scene:
+        raise CommandError(f"--set changes a scene; give {options.scene_words}, too")
     status: int = options.run(options)
     sys.stdout.flush()
     return status

@@ -7,17 +7,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from dlo_sim.cli.arguments import Parser
 
-
 HELP = "run the ROS 2 node"
 
 
 def add_arguments(parser: "Parser") -> None:
     """Nothing: what follows it, also --help, is read by the node (`run_node`)."""
-
-
-def is_asked_for(arguments: Sequence[str]) -> bool:
-    """Whether a command line of `dlo_sim` is that of the node."""
-    return list(arguments[:1]) == ["node"]
 
 
 def run(options: argparse.Namespace) -> int:

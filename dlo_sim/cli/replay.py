@@ -6,13 +6,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dlo_sim.cli import FAILED
 from dlo_sim.cli.arguments import Parser, add_scene, pairs, read_scene
 from dlo_sim.cli.output import error_rows, print_json, print_rows, progress_bar, readable, run_time
 
 if TYPE_CHECKING:
     from dlo_sim.replay.replay import ReplaySummary
-
-INCOMPLETE = 3  # the simulation failed, or only a part of the bag was or could be used
 
 HELP = "predict a cable offline from a bag of poses, wrenches and forces"
 
@@ -27,7 +26,7 @@ def add_arguments(parser: Parser) -> None:
     )
     text = "rosbag2 folder or file (sqlite3 or MCAP, compressed or not)"
     parser.option("bag BAG", text, type=Path)
-    parser.option("--params SCENE", "scene file, or a shipped scene's name", required=True)
+    add_scene(parser, "--params", required=True)
     text = "bag to write, in the same storage format; must not exist yet (default: none)"
     parser.option("--output OUTBAG", text, type=Path)
     text = (
@@ -35,12 +34,11 @@ def add_arguments(parser: Parser) -> None:
         "start=/ft_compensated"
     )
     parser.option("--compare END=TOPIC", text, action="append", default=[])
-    add_scene(parser, named=False)
 
 
 def run(options: argparse.Namespace) -> int:
     """Replay and print the summary; returns the exit status."""
-    scene = read_scene(options.params, options.assignments)
+    scene = read_scene(options)
     compare = pairs("--compare", options.compare, "END=TOPIC", "start=/topic or end=...")
 
     from dlo_sim.replay.replay import replay_bag
@@ -56,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
     if summary.ok:
         return 0
     print(f"dlo_sim: {summary.status}: {summary.message}", file=sys.stderr)
-    return INCOMPLETE
+    return FAILED
 
 
 def _print_summary(bag: Path, summary: "ReplaySummary") -> None:

@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dlo_sim.cli import FAILED
 from dlo_sim.cli.arguments import CommandError, Parser, add_scene, positive_seconds, read_scene
 from dlo_sim.cli.output import (
     check_output_file,
@@ -22,7 +23,6 @@ from dlo_sim.scene.description import Scene
 if TYPE_CHECKING:
     from dlo_sim.simulation.recording import Recording
 
-FAILED = 3
 _LARGEST_RECORDING = 2 * 1024**3  # bytes
 _SHAPES = ("control_points", "centerline", "centerline_u", "tension", "curvature")
 _ARRAYS = ("time", *_SHAPES, "energy")
@@ -52,7 +52,7 @@ def add_arguments(parser: Parser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Simulate, write and print; returns the exit status."""
-    scene = read_scene(options.scene, options.assignments)
+    scene = read_scene(options)
     _check_size(scene, options.duration, options.every)
     if options.output is not None:
         check_output_file(options.output, options.scene)

@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dlo_sim.cli import FAILED
 from dlo_sim.cli.arguments import (
     CommandError,
     Parser,
@@ -20,7 +21,6 @@ from dlo_sim.scene.loading import find_scene
 if TYPE_CHECKING:
     from dlo_sim.tuning.search import Tuned
 
-FAILED = 3
 
 HELP = "find the fastest setting within a tolerance"
 
@@ -45,7 +45,7 @@ def add_arguments(parser: Parser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Search, write and print; returns the exit status."""
-    scene = read_scene(options.scene, options.assignments)
+    scene = read_scene(options)
     source = find_scene(options.scene)
     check_output_file(options.output, source)
     if options.tolerance >= scene.cable.length:

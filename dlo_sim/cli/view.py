@@ -36,9 +36,8 @@ def add_arguments(parser: Parser) -> None:
     )
     parser.option("--format", text, choices=tuple(_SUFFIXES))
     text = "scene of a bag, needed for the tension and for discretization.knots auto"
-    parser.option("--params SCENE", text)
+    add_scene(parser, "--params", text)
     parser.option("--node NAME", "full name of the node, if the bag has several", default="")
-    add_scene(parser, named=False)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -47,9 +46,7 @@ def run(options: argparse.Namespace) -> int:
     kind = _format(options.format, options.output)
     output: Path = options.output or Path(path.resolve().stem + _SUFFIXES[kind])
     check_output_file(output)
-    if options.assignments and not options.params:
-        raise CommandError("--set changes a scene; give it with --params")
-    scene = read_scene(options.params, options.assignments) if options.params else None
+    scene = read_scene(options) if options.scene else None
 
     from dlo_sim.view.run import read_run
 

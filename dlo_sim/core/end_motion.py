@@ -208,21 +208,6 @@ class EndMotion:
         spin = np.array([one_rotation.angular_velocity(*pair) for pair in pairs])
         return self._moving(t) * spin.reshape(turn.shape)
 
-    def rest(self, now: float) -> EndMotion:
-        """The remainder at `now` [s], as a motion from time 0: the same positions and the same last
-        pose, to which it turns at a constant rate.
-        """
-        s, orientation = float(np.ravel(self._elapsed(now))[0]), self.orientation_at(now)
-        left = self.duration - s
-        p0, p1, p2 = self.position_coefficients
-        turn = one_rotation.turn_between(
-            orientation.tolist(), self.orientation_at(self.end).tolist()
-        )
-        rate = np.array(turn) / left if left > 0.0 else np.zeros(3)
-        position = np.stack((p0 + s * (p1 + s * p2), p1 + 2.0 * s * p2, p2))
-        rotation = np.stack((rate, np.zeros(3)))
-        return EndMotion.from_coefficients(0.0, left, position, orientation, rotation)
-
     def _elapsed(self, t: Any) -> Array | float:
         if isinstance(t, float):  # asked for at every pose: numpy's clip alone takes 3 us
             return min(max(t - self.start, 0.0), self.duration)

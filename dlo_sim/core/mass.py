@@ -96,17 +96,3 @@ def factorize(band: Array, prescribed: NDArray[np.bool_]) -> tuple[Array, Array]
             raise ValueError(f"mass matrix is not positive definite at control point {i}")
         diagonal[i] = value
     return lower, 1.0 / diagonal
-
-
-def solve(band: Array, prescribed: NDArray[np.bool_], values: Array) -> Array:
-    """Solution x of band x = values (n,) or (n, m), 0 where it is prescribed, see `factorize`."""
-    lower, inverse = factorize(band, prescribed)
-    x = np.where(prescribed.reshape(-1, *[1] * (values.ndim - 1)), 0.0, values)
-    for i in range(len(x)):
-        for k in range(1, min(HALF_BAND, i) + 1):
-            x[i] -= lower[k - 1, i] * x[i - k]
-    for i in range(len(x) - 1, -1, -1):
-        x[i] *= inverse[i]
-        for k in range(1, min(HALF_BAND, len(x) - 1 - i) + 1):
-            x[i] -= lower[k - 1, i + k] * x[i + k]
-    return x

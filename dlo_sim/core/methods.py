@@ -27,6 +27,8 @@ class Method:
         symplectic: conserves a nearby energy at fixed step.
         conserves_energy: conserves the energy itself, to the solver's tolerance, at any step.
         stability_limit: largest stable omega * tau on an undamped oscillator; inf if there is none.
+        decay_weight: what a rate of decay counts as a frequency towards that limit: 0 where damping
+            is solved exactly, not taken as a force.
         mass_damping, stiffness_damping: whether the method is valid with such damping.
         drift_weights, kick_weights: c_i and d_i in units of the step, executed drift first.
         stage_matrix, stage_weights: a_ij and b_j of a Runge-Kutta method.
@@ -43,6 +45,7 @@ class Method:
     symplectic: bool = False
     conserves_energy: bool = False
     stability_limit: float = math.inf
+    decay_weight: float = 0.0
     mass_damping: bool = False
     stiffness_damping: bool = False
     drift_weights: tuple[float, ...] = ()
@@ -145,6 +148,7 @@ METHODS: dict[str, Method] = {
             family=RUNGE_KUTTA,
             order=4,
             stability_limit=2.0 * 2.0**0.5,
+            decay_weight=1.016,
             mass_damping=True,
             source="Kutta 1901, the classical table",
             stage_matrix=((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)),
@@ -156,6 +160,7 @@ METHODS: dict[str, Method] = {
             family=ZHAI,
             order=2,
             stability_limit=2.0,
+            decay_weight=2.0,
             mass_damping=True,
             source="Zhai 1996, Int. J. Numer. Meth. Eng. 39, 4199-4214",
         ),

@@ -82,19 +82,22 @@ def turned(start: Quaternion, rotation: Vector) -> Quaternion:
 
 
 def aligned(q: Quaternion, body: Vector, direction: Vector) -> Quaternion:
-    """The orientation nearest to q that turns one unit vector into another, of the world.
-
-    From the opposite one there is no nearest: half a turn about the axis across it that is nearest
-    to the coordinate axis least aligned with it.
-    """
+    """The orientation nearest to q that turns one unit vector into another, of the world."""
     x, y, z, w = q
     *present, _ = product(product(q, (*body, 0.0)), (-x, -y, -z, w))
-    cosine = sum(a * b for a, b in zip(present, direction, strict=True))
-    swing = (*cross(present, direction), 1.0 + cosine)
-    if math.hypot(*swing) < 1e-8:
-        least = min(range(3), key=lambda k: abs(present[k]))
-        swing = (*cross(present, [float(k == least) for k in range(3)]), 0.0)
-    return normalized(product(normalized(swing), q))
+    return normalized(product(minimal(present, direction), q))
+
+
+def minimal(u: Sequence[float], v: Sequence[float]) -> Quaternion:
+    """The rotation of smallest angle that turns unit vector u into v. If they are opposite, half a
+    turn about the axis across u that is nearest to the coordinate axis least aligned with u.
+    """
+    # (u x v, 1 + u.v) is good to about 1e-16 / |u x v|, so to 1e-8 at the cut below.
+    q = (*cross(u, v), 1.0 + sum(a * b for a, b in zip(u, v, strict=True)))
+    if math.hypot(*q) < 1e-8:
+        least = min(range(3), key=lambda k: abs(u[k]))
+        q = (*cross(u, [float(k == least) for k in range(3)]), 0.0)
+    return normalized(q)
 
 
 def normalized(q: Quaternion) -> Quaternion:

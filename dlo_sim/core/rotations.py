@@ -115,21 +115,10 @@ def minimal_rotation(u: ArrayLike, v: ArrayLike) -> Array:
     """The rotation of smallest angle that takes direction u to direction v, shape (..., 4).
 
     u and v, shape (..., 3), need not have unit length; ValueError if zero or not finite. For
-    opposite directions it is half a turn about the axis perpendicular to u that is nearest to the
-    coordinate axis least aligned with u.
+    opposite directions see `one_rotation.minimal`.
     """
-    u, v = _direction(u), _direction(v)
-    u, v = np.broadcast_arrays(u, v)
-    cosine = np.sum(u * v, axis=-1, keepdims=True)
-    # (u x v, 1 + u.v) is good to about 1e-16 / |u x v|, so to 1e-8 at the cut below.
-    q = np.concatenate((np.cross(u, v), 1.0 + cosine), axis=-1)
-    norm = np.linalg.norm(q, axis=-1, keepdims=True)
-    opposite = norm < 1e-8
-    least = np.eye(3)[np.argmin(np.abs(u), axis=-1)]
-    side = np.cross(u, least)
-    side /= np.linalg.norm(side, axis=-1, keepdims=True)
-    half_turn = np.concatenate((side, np.zeros_like(cosine)), axis=-1)
-    return np.where(opposite, half_turn, q / np.where(opposite, 1.0, norm))
+    u, v = np.broadcast_arrays(_direction(u), _direction(v))
+    return _each(lambda row: one_rotation.minimal(row[:3], row[3:]), np.concatenate((u, v), -1))
 
 
 def _direction(v: ArrayLike) -> Array:

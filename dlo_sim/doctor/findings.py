@@ -6,7 +6,7 @@ import math
 import os
 import platform
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -21,6 +21,7 @@ from dlo_sim.session.topics import InputTopic, input_topics, resolved
 if TYPE_CHECKING:
     from dlo_sim.ros.survey import Heard, Survey
     from dlo_sim.scene.description import Scene
+    from dlo_sim.session.session import Session
     from dlo_sim.simulation.simulator import Simulator
 
 OK, NOTE, PROBLEM = "ok", "note", "problem"
@@ -53,6 +54,57 @@ def note(what: str, cure: str = "") -> Finding:
 def problem(what: str, cure: str) -> Finding:
     """A finding that has to be corrected."""
     return Finding(PROBLEM, what, cure)
+
+
+def examined(
+    scene: Scene | None, seconds: float, tell: Callable[[str], object]
+) -> Iterator[Finding]:
+    """All findings.
+
+    Args:
+        scene: if any. seconds: how long to listen to its topics. tell: gets lines about compiling.
+    """
+    yield from installation()
+    yield from ros_environment(os.environ)
+    session = None
+    if scene is not None:
+        from dlo_sim.compiling.directory import compiling_told_to
+        from dlo_sim.session.session import Session
+        from dlo_sim.simulation.simulator import Simulator
+
+        with compiling_told_to(tell):
+            try:
+                yield from of_scene(Simulator(scene))
+                session = Session(scene.with_values({"accuracy.estimate": "off"}), live=True)
+            except SceneError as refusal:
+                yield problem("the scene cannot be simulated", str(refusal))
+    yield from of_ros(session, seconds)
+
+
+def of_ros(session: Session | None, seconds: float) -> Iterator[Finding]:
+    """Whether ROS 2 is there, and what is heard on the topics of a session within seconds."""
+    try:
+        from dlo_sim.ros.survey import survey
+        from dlo_sim.ros.transforms import tf2_for
+    except ImportError as error:
+        if (error.name or "").startswith("dlo_sim"):
+            raise
+        cure = "needed for the node: pip install 'dlo_sim[ros]', or source your ROS 2 Jazzy"
+        yield note(f"no ROS 2: {error}", cure)
+        return
+    try:
+        found = survey(session, seconds)
+    except (RuntimeError, ImportError) as error:
+        cure = "source your ROS 2 Jazzy, or pip install 'ros-jazzy-rclpy[fastrtps]'"
+        yield problem(f"ROS 2 cannot be started: {' '.join(str(error).split())}", cure)
+        return
+    yield ok(f"rclpy with {found.rmw}")
+    if session is not None:
+        try:
+            tf2_for(session.scene)
+        except SceneError as refusal:
+            yield problem("the node refuses the scene", str(refusal))
+        yield from of_topics(session.scene, found)
 
 
 def installation() -> Iterator[Finding]:

@@ -112,6 +112,10 @@ class Measurement:
         first += rng.normal(0.0, noise, first.shape)
         return replace(self, markers=markers)
 
+    def ends_at(self, frame: int) -> dict[str, tuple[Array, Array]]:
+        """Position [m] and orientation of each end effector in a frame."""
+        return {end: (path[frame, :3], path[frame, 3:]) for end, path in self.poses.items()}
+
     def smoothed(self, scene: Scene) -> Measurement:
         """With the poses as `pose_smoothing` of the scene's ends has them."""
         half = {end: round(1e9 * scene.ends[end].pose_smoothing) for end in self.poses}

@@ -65,11 +65,10 @@ def predict(scene: Scene, recording: Measurement, sensor: Sensor | None = None) 
 
     It starts from the first frames of the markers, or from the equilibrium at the first pose.
     """
-    poses = {end: (path[0, :3], path[0, 3:]) for end, path in recording.poses.items()}
     times = recording.times
     if recording.forces is not None:
         scene = scene.with_values({"initial.shape": "equilibrium"})
-    simulator = Simulator(scene, poses)
+    simulator = Simulator(scene, recording.ends_at(0))
     u = recording.shares * scene.cable.length
     samples = times[1:]
     if recording.forces is None:
@@ -156,8 +155,8 @@ def position_error(
             raise SceneError(failure)
         return places(predictions)
 
-    first = {end: (path[0, :3], path[0, 3:]) for end, path in recordings[0].poses.items()}
-    return error_along(Simulator(scene, first), places(predicted), with_another)
+    simulator = Simulator(scene, recordings[0].ends_at(0))
+    return error_along(simulator, places(predicted), with_another)
 
 
 def _predict(item: tuple[Scene, Measurement, Sensor | None]) -> Prediction:
@@ -229,12 +228,12 @@ def _l1(recording: Measurement, error: Array) -> float:
 
 
 def _averaged(error: Array, window: int) -> Array:
-    """Running mean over so many frames, fewer at both ends."""
-    total = np.cumsum(np.nan_to_num(error), axis=0)
-    count = np.cumsum(np.isfinite(error), axis=0)
-    first = np.arange(len(error)) - window // 2 - 1
-    last = np.clip(first + window + 1, 0, len(error) - 1)
-    before, inside = np.clip(first, 0, None), (first >= 0)[:, None, None]
-    sums = total[last] - np.where(inside, total[before], 0.0)
-    counts = count[last] - np.where(inside, count[before], 0)
-    return np.asarray(np.where(np.isfinite(error), sums / np.maximum(counts, 1), np.nan))
+    """Running mean over so many steps between frames, fewer at both ends."""
+
+    def sums(rows: Array) -> Array:
+        every = np.apply_along_axis(np.convolve, 0, rows, np.ones(window + 1))
+        return np.asarray(every[window - window // 2 :][: len(rows)])
+
+    known = np.isfinite(error)
+    means = sums(np.nan_to_num(error)) / np.maximum(sums(known.astype(float)), 1.0)
+    return np.where(known, means, np.nan)

@@ -2,8 +2,9 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
-from dlo_sim.scene.parameter import ORIGIN, Vector, parameter
+from dlo_sim.scene.parameter import ORIGIN, Group, Vector, parameter
 from dlo_sim.scene.refusal import Rules, shown
 
 LEAST_DENSITY = 1e-15  # [kg/m], of the least diameter and density allowed
@@ -11,7 +12,7 @@ NO_SURFACE = 1e9  # [m], water.level of water that is everywhere
 
 
 @dataclass(frozen=True)
-class Cable:
+class Cable(Group):
     """Material and cross-section. Direct values of 0 are derived from moduli, density, diameter D,
     and of a hose its bore d.
 
@@ -124,6 +125,20 @@ class Cable:
             lines.append(f"cable.linear_density: the polar inertia that belongs to it is {polar}")
         return tuple(lines)
 
+    def conflicts(self, key: str, scene: Any) -> Rules:
+        """No mass, no natural shape, and an axis that is none."""
+        if 0.0 < self.linear_density < LEAST_DENSITY:
+            cure = f"give {LEAST_DENSITY:g} kg/m or more, or 0 for rho pi D^2 / 4"
+            yield "linear_density", f"is next to no mass; {cure}"
+        for name in ("rest_curvature", "rest_curvature_2", "rest_twist"):
+            if not getattr(self, name):
+                yield name, "is empty; give [0.0] for a straight cable"
+        axis = self.rest_curvature_axis
+        size = math.hypot(*axis)
+        if abs(size - 1.0) > 1e-6:
+            unit = tuple(round(a / size, 9) for a in axis) if size > 0.0 else (0.0, 1.0, 0.0)
+            yield "rest_curvature_axis", f"is not a unit vector; give {shown(unit)}"
+
 
 @dataclass(frozen=True)
 class Damping:
@@ -164,7 +179,7 @@ class Damping:
 
 
 @dataclass(frozen=True)
-class Water:
+class Water(Group):
     """Water around the cable: buoyancy, and drag that is quadratic in the velocity relative to it.
 
     Parameters:
@@ -185,9 +200,14 @@ class Water:
     drag: float = parameter(1.2, "", (0.0, 100.0))
     drag_along: float = parameter(0.01, "", (0.0, 100.0))
 
+    def conflicts(self, key: str, scene: Any) -> Rules:
+        """A surface of no water."""
+        if self.level != NO_SURFACE and self.density == 0.0:
+            yield "level", "m is the surface of no water; give water.density, or remove it"
+
 
 @dataclass(frozen=True)
-class Hose:
+class Hose(Group):
     """A hose: its bore, and pressure, which makes it longer, or pushes apart what holds its ends.
 
     The tension of a hose is that of its wall, which bears the pressure; reactions include what the
@@ -207,6 +227,12 @@ class Hose:
     def thrust(self) -> float:
         """Force of the pressure on an end [N], p pi d^2 / 4."""
         return self.pressure * math.pi * self.bore**2 / 4.0
+
+    def conflicts(self, key: str, scene: Any) -> Rules:
+        """A bore that does not fit."""
+        if not (0.0 if self.pressure else -1.0) < self.bore < scene.cable.diameter:
+            what = "no inner diameter for a hose.pressure" if self.bore == 0.0 else "too wide"
+            yield "bore", f"m is {what}; give it, below cable.diameter ({scene.cable.diameter:g} m)"
 
 
 @dataclass(frozen=True)
@@ -236,31 +262,3 @@ class Torsion:
     """
 
     curvature_floor: float = parameter(0.0, "1/m", (0.0, 1.0e5))
-
-
-def cable_rules(cable: Cable) -> Rules:
-    """No mass, no natural shape, and an axis that is none."""
-    if 0.0 < cable.linear_density < LEAST_DENSITY:
-        cure = f"give {LEAST_DENSITY:g} kg/m or more, or 0 for rho pi D^2 / 4"
-        yield "linear_density", f"is next to no mass; {cure}"
-    for name in ("rest_curvature", "rest_curvature_2", "rest_twist"):
-        if not getattr(cable, name):
-            yield name, "is empty; give [0.0] for a straight cable"
-    axis = cable.rest_curvature_axis
-    size = math.hypot(*axis)
-    if abs(size - 1.0) > 1e-6:
-        unit = shown(tuple(round(a / size, 9) for a in axis)) if size > 0.0 else "[0.0, 1.0, 0.0]"
-        yield "rest_curvature_axis", f"is not a unit vector; give {unit}"
-
-
-def hose_rules(hose: Hose, diameter: float) -> Rules:
-    """A bore that does not fit."""
-    if not (0.0 if hose.pressure else -1.0) < hose.bore < diameter:
-        what = "no inner diameter for a hose.pressure" if hose.bore == 0.0 else "too wide"
-        yield "bore", f"m is {what}; give it, below cable.diameter ({diameter:g} m)"
-
-
-def water_rules(water: Water) -> Rules:
-    """A surface of no water."""
-    if water.level != NO_SURFACE and water.density == 0.0:
-        yield "level", "m is the surface of no water; give water.density, or remove it"

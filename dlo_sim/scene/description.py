@@ -5,51 +5,25 @@ its description is in the docstring of its class: ROS declarations, checks and t
 config/README.md are generated from them. Values derived from parameters are properties.
 
 Scenes are built by `scene_from_values`, so that every scene has passed the checks: of single values
-(`parameter.check_value`), then of values together, in the file of their group or, for several
-groups, here. Each rule yields the key, its value and the problem with the cure; the first one
-refuses the scene.
+(`parameter.check_value`), then of values together, by the `conflicts` of their group or, for
+several groups, here. Each rule yields the key, its value and the problem with the cure; the first
+one refuses the scene.
 """
 
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
-from dlo_sim.scene.cable import (
-    NO_SURFACE,
-    Cable,
-    Damping,
-    Hose,
-    Plasticity,
-    Torsion,
-    Water,
-    cable_rules,
-    hose_rules,
-    water_rules,
-)
-from dlo_sim.scene.holders import End, Grasp, Holder, Load, holder_rules, load_rules
-from dlo_sim.scene.node import (
-    Forecasts,
-    Inputs,
-    Measured,
-    Outputs,
-    State,
-    input_rules,
-    output_rules,
-)
-from dlo_sim.scene.numerics import (
-    Accuracy,
-    Discretization,
-    Initial,
-    Integrator,
-    Terms,
-    discretization_rules,
-    integrator_rules,
-)
-from dlo_sim.scene.obstacles import IN_TEXT, Contact, Obstacle, contact_rules, obstacle_rules
+from dlo_sim.scene.cable import NO_SURFACE, Cable, Damping, Hose, Plasticity, Torsion, Water
+from dlo_sim.scene.holders import End, Grasp, Holder, Load
+from dlo_sim.scene.node import Forecasts, Inputs, Measured, Outputs, State
+from dlo_sim.scene.numerics import Accuracy, Discretization, Initial, Integrator, Terms
+from dlo_sim.scene.obstacles import IN_TEXT, Contact, Obstacle
 from dlo_sim.scene.parameter import (
+    Group,
     Names,
     Parameter,
     Vector,
@@ -61,7 +35,7 @@ from dlo_sim.scene.parameter import (
     unknown_key,
     with_parameters,
 )
-from dlo_sim.scene.refusal import Rules, SceneError, brief, refusal, shown
+from dlo_sim.scene.refusal import SceneError, brief, refusal, shown
 from dlo_sim.scene.retired import without_retired
 
 Conflicts = Iterator[tuple[str, object, str]]  # keys, their values, and the problems with them
@@ -198,15 +172,15 @@ class Scene:
     @property
     def may_roll(self) -> bool:
         """Whether friction of obstacles would roll a cable whose twist acts on its shape; not with
-        contact.self on, as the matrix of an iteration is then without the twist.
+        contact.self_contact on, as the matrix of an iteration is then without the twist.
         """
         later = bool(self.contact.markers) and self.touches and self.contact.friction > 0.0
-        return (bool(self.rubbing) or later) and self.contact.self != "on"
+        return (bool(self.rubbing) or later) and not self.touches_itself
 
     @property
-    def rubs_itself(self) -> bool:
-        """Whether the cable touches itself with friction."""
-        return self.contact.self == "on" and self.contact.friction > 0.0
+    def touches_itself(self) -> bool:
+        """Whether the cable touches itself, instead of passing through itself."""
+        return self.contact.self_contact == "on"
 
     @property
     def ends(self) -> dict[str, End]:
@@ -388,6 +362,7 @@ def scene_values(scene: Scene) -> dict[str, Any]:
 
 def overridden(values: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
     """The values with changes applied, without the blocks of names that are dropped."""
+    changes = without_retired(changes)
     left = dict(values)
     for group in NAMED:
         if f"{group}.names" in changes:
@@ -428,48 +403,29 @@ def markdown_table() -> str:
 
 def _check(scene: Scene) -> None:
     """Raise SceneError for the first values that are valid one by one but not together."""
-    for key, value, problem in _conflicts(scene):
-        raise refusal(key, value, problem)
-    if scene.measured.type != "none" and scene.accuracy.estimate == "on":
-        raise SceneError(
-            "accuracy.estimate: on cannot be had while measured points correct the prediction; "
-            "give auto, or measured.type: none"
-        )
+    for key, group in _groups(scene):
+        check_group(key, group, scene)
+    for rules in (_placement, _names_and_frames, _load_frames, _topics):
+        for key, value, problem in rules(scene):
+            raise refusal(key, value, problem)
 
 
-def _conflicts(scene: Scene) -> Conflicts:
-    world, cable, mesh = scene.frame_id, scene.cable, scene.discretization
-    no_contact = scene.terms.contact == "off"
-    yield from _of("cable", cable, cable_rules(cable))
-    yield from _of("discretization", mesh, discretization_rules(mesh))
-    for key, holder in scene.holder_keys():
-        yield from _of(key, holder, holder_rules(key, holder, cable.length, world))
-    yield from _placement(scene)
-    yield from _frames(scene)
-    for load in scene.loads:
-        key = f"loads.{load.name}"
-        yield from _of(key, load, load_rules(key, load))
-    yield from _load_frames(scene)
-    yield from _topics(scene)
-    for obstacle in scene.obstacles:
-        key = f"obstacles.{obstacle.name}"
-        if obstacle.name in scene.holders:
-            yield "obstacles.names", obstacle.name, "is the name of a grasp too; rename one of them"
-        yield from _of(key, obstacle, obstacle_rules(key, obstacle, cable.diameter, world))
-    yield from _of("contact", scene.contact, contact_rules(scene.contact, no_contact))
-    yield from _of("water", scene.water, water_rules(scene.water))
-    yield from _of("hose", scene.hose, hose_rules(scene.hose, cable.diameter))
-    yield from _of("integrator", scene.integrator, integrator_rules(scene.integrator))
-    yield from _of("inputs", scene.inputs, input_rules(scene.inputs, scene.rate))
-    yield from _of("outputs", scene.outputs, output_rules(scene.outputs, scene.without_tension))
+def _groups(scene: Scene) -> Iterator[tuple[str, Group]]:
+    """The groups that have rules, with their keys."""
+    for member in fields(scene):
+        value = getattr(scene, member.name)
+        if isinstance(value, Group):
+            yield member.name, value
+        elif member.name in NAMED:
+            yield from ((f"{member.name}.{one.name}", one) for one in value)
 
 
-def _of(prefix: str, group: object, rules: Rules) -> Conflicts:
-    """Conflicts of a group's parameters, from their names and problems."""
-    for name, problem in rules:
+def check_group(key: str, group: Group, scene: Scene) -> None:
+    """Raise SceneError for the first values of a group that are not valid together."""
+    for name, problem in group.conflicts(key, scene):
         field, _, index = name.rstrip("]").partition("[")
         value = getattr(group, field)
-        yield f"{prefix}.{name}", value[int(index)] if index else value, problem
+        raise refusal(f"{key}.{name}", value[int(index)] if index else value, problem)
 
 
 def _placement(scene: Scene) -> Conflicts:
@@ -490,8 +446,10 @@ def _placement(scene: Scene) -> Conflicts:
         yield "end.position", end.position, f"{what}; {cure}"
 
 
-def _frames(scene: Scene) -> Conflicts:
-    """A frame name shared by two end-effectors, or by one and the world."""
+def _names_and_frames(scene: Scene) -> Conflicts:
+    """A name of a grasp and an obstacle; a frame of two end effectors, or of one and the world."""
+    for name in scene.holders.keys() & {one.name for one in scene.obstacles}:
+        yield "obstacles.names", name, "is the name of a grasp too; rename one of them"
     seen = {scene.frame_id: "frame_id"}
     for name, holder in scene.holder_keys():
         key = f"{name}.frame"
@@ -554,7 +512,4 @@ def check_added(scene: Scene, obstacle: Obstacle) -> None:
         raise SceneError(
             f"obstacles.{obstacle.name}: is moved by Simulator.move_obstacle, not poses"
         )
-    key = f"obstacles.{obstacle.name}"
-    rules = obstacle_rules(key, obstacle, scene.cable.diameter, scene.frame_id)
-    for name, value, problem in _of(key, obstacle, rules):
-        raise refusal(name, value, problem)
+    check_group(f"obstacles.{obstacle.name}", obstacle, scene)

@@ -1,13 +1,14 @@
 """What a scene says of the ends of the cable, of grippers that hold it, and of loads."""
 
 from dataclasses import dataclass
+from typing import Any
 
-from dlo_sim.scene.parameter import ORIGIN, Switches, Vector, parameter
+from dlo_sim.scene.parameter import ORIGIN, Group, Switches, Vector, parameter
 from dlo_sim.scene.refusal import Rules, shown
 
 
 @dataclass(frozen=True)
-class Load:
+class Load(Group):
     """A force or wrench on the cable, from a topic or from a signal.
 
     Parameters:
@@ -50,9 +51,20 @@ class Load:
             return "~/force" if self.name == "force" else f"~/{self.name}/force"
         return f"~/{self.name}/wrench"
 
+    def conflicts(self, key: str, scene: Any) -> Rules:
+        """Values of a load that would be ignored."""
+        if self.signal != "none" and self.topic:
+            yield "topic", f"cannot be used with {key}.signal {self.signal}; remove one of them"
+        for part in ("force", "torque") if self.signal == "none" else ():
+            if any(getattr(self, part)):
+                cure = f"set {key}.signal to constant or sine, or remove it"
+                yield part, f"would be ignored; {cure}"
+        if self.type == "force" and any(self.torque):
+            yield "torque", f"would be ignored; set {key}.type to wrench"
+
 
 @dataclass(frozen=True)
-class Holder:
+class Holder(Group):
     """An end-effector that holds the cable at one place.
 
     Parameters:
@@ -122,6 +134,44 @@ class Holder:
         """Whether poses from a topic or tf2 move the end-effector."""
         return bool(self.pose_topic or self.tf_frame)
 
+    def conflicts(self, key: str, scene: Any) -> Rules:
+        """Springs, clamps, roll, jaws, topics and frames that would have no effect."""
+        none, all_fixed = "would do nothing", f"{key}.fixed: [true, true, true]"
+        for axis, stiffness in enumerate(self.spring):
+            if self.fixed[axis] and stiffness > 0.0:
+                why = f"since {key}.fixed[{axis}] is true; set one of them to zero or false"
+                yield f"spring[{axis}]", f"N/m {none}, {why}"
+        if self.clamped and not all(self.fixed):
+            yield "clamped", f"needs {all_fixed} (it is {shown(self.fixed)})"
+        if self.clamped and self.tangent_spring:
+            cure = f"remove it, or set {key}.clamped: false"
+            yield "tangent_spring", f"N m/rad {none} beside a clamp; {cure}"
+        if self.holds_roll and not self.holds_direction:
+            what = "roll_spring" if self.roll_spring else "roll"
+            yield what, f"needs the direction held; set {key}.clamped or {key}.tangent_spring"
+        if self.jaw > scene.cable.length:
+            yield "jaw", f"m is longer than the cable, {scene.cable.length:g} m; shorten the jaw"
+        if self.jaw and not self.clamped:
+            cure = f"set {key}.clamped: true, or remove it"
+            yield "jaw", f"m of cable is held straight by a clamp alone; {cure}"
+        if self.pose_type == "two_points" and any(self.tangent):
+            why = f"since {key}.pose_type two_points makes it the x axis"
+            yield "tangent", f"would be ignored, {why}; remove it"
+        if self.pose_type == "pose" and self.pose_spacing:
+            cure = f"set {key}.pose_type to two_points, or remove it"
+            yield "pose_spacing", f"m would be ignored; {cure}"
+        if self.driven and not self.held:
+            what = "pose_topic" if self.pose_topic else "tf_frame"
+            cure = f"set {all_fixed} or remove {key}.{what}"
+            yield what, f"would move nothing, since it holds nothing; {cure}"
+        if self.tf_frame and (self.pose_topic or self.pose_type != "pose"):
+            cure = f"remove {key}.pose_topic and {key}.pose_type, or tf_frame"
+            yield "tf_frame", f"gives the pose; {cure}"
+        if self.tf_frame.startswith("/"):
+            yield "tf_frame", f"is no frame of tf2; give {self.tf_frame.lstrip('/') or 'tool0'}"
+        if self.tf_frame and self.tf_frame == scene.frame_id:
+            yield "tf_frame", "is the world frame, frame_id; give the frame of the end-effector"
+
 
 @dataclass(frozen=True)
 class End(Holder):
@@ -137,6 +187,13 @@ class End(Holder):
     def holds_roll(self) -> bool:
         """Whether it holds the roll of the cable, rigidly or by a spring."""
         return self.clamped or super().holds_roll
+
+    def conflicts(self, key: str, scene: Any) -> Rules:
+        """The same, and a spring beside a clamp that holds the roll."""
+        yield from super().conflicts(key, scene)
+        if self.roll_spring and self.clamped:
+            cure = f"remove it, or take {key}.tangent_spring instead of the clamp"
+            yield "roll_spring", f"N m/rad would do nothing beside a clamp; {cure}"
 
 
 @dataclass(frozen=True)
@@ -176,74 +233,19 @@ class Grasp(Holder):
         """Whether it holds the roll of the cable, rigidly or by a spring."""
         return self.roll or super().holds_roll
 
-
-def holder_rules(name: str, end: Holder, length: float, world: str) -> Rules:
-    """Springs, clamps, roll, jaws, topics and frames that would have no effect."""
-    none, all_fixed = "would do nothing", f"{name}.fixed: [true, true, true]"
-    for axis, stiffness in enumerate(end.spring):
-        if end.fixed[axis] and stiffness > 0.0:
-            why = f"since {name}.fixed[{axis}] is true; set one of them to zero or false"
-            yield f"spring[{axis}]", f"N/m {none}, {why}"
-    if end.clamped and not all(end.fixed):
-        yield "clamped", f"needs {all_fixed} (it is {shown(end.fixed)})"
-    if end.clamped and end.tangent_spring:
-        cure = f"remove it, or set {name}.clamped: false"
-        yield "tangent_spring", f"N m/rad {none} beside a clamp; {cure}"
-    if end.holds_roll and not end.holds_direction:
-        key = "roll_spring" if end.roll_spring else "roll"
-        yield key, f"needs the direction held; set {name}.clamped or {name}.tangent_spring"
-    if end.roll_spring and isinstance(end, End) and end.clamped:
-        cure = f"remove it, or take {name}.tangent_spring instead of the clamp"
-        yield "roll_spring", f"N m/rad {none} beside a clamp; {cure}"
-    if isinstance(end, Grasp):
-        yield from _grasp_rules(name, end, all_fixed)
-    if end.jaw > length:
-        yield "jaw", f"m is longer than the cable, {length:g} m; shorten the jaw"
-    if end.jaw and not end.clamped:
-        cure = f"set {name}.clamped: true, or remove it"
-        yield "jaw", f"m of cable is held straight by a clamp alone; {cure}"
-    if end.pose_type == "two_points" and any(end.tangent):
-        why = f"since {name}.pose_type two_points makes it the x axis"
-        yield "tangent", f"would be ignored, {why}; remove it"
-    if end.pose_type == "pose" and end.pose_spacing:
-        cure = f"set {name}.pose_type to two_points, or remove it"
-        yield "pose_spacing", f"m would be ignored; {cure}"
-    if end.driven and not end.held:
-        key = "pose_topic" if end.pose_topic else "tf_frame"
-        cure = f"set {all_fixed} or remove {name}.{key}"
-        yield key, f"would move nothing, since it holds nothing; {cure}"
-    if end.tf_frame and (end.pose_topic or end.pose_type != "pose"):
-        cure = f"remove {name}.pose_topic and {name}.pose_type, or tf_frame"
-        yield "tf_frame", f"gives the pose; {cure}"
-    if end.tf_frame.startswith("/"):
-        yield "tf_frame", f"is no frame of tf2; give {end.tf_frame.lstrip('/') or 'tool0'}"
-    if end.tf_frame and end.tf_frame == world:
-        yield "tf_frame", "is the world frame, frame_id; give the frame of the end-effector"
-
-
-def _grasp_rules(name: str, grasp: Grasp, all_fixed: str) -> Rules:
-    if grasp.roll and grasp.roll_spring:
-        cure = f"remove it, or set {name}.roll: false"
-        yield "roll_spring", f"N m/rad would do nothing beside {name}.roll: true; {cure}"
-    if not grasp.slides and (grasp.grip or grasp.friction >= 0.0):
-        cure = f"set {name}.slides: true, or remove it"
-        yield "grip" if grasp.grip else "friction", f"does nothing for a cable held fast; {cure}"
-    if grasp.slides and grasp.clamped:
-        cure = f"set {name}.clamped: false; tangent_spring holds the direction"
-        yield "slides", f"is not possible with a clamp; {cure}"
-    if grasp.slides and grasp.holds_roll:
-        yield "slides", f"is not possible where the roll is held; remove {name}.roll"
-    if grasp.slides and not all(grasp.fixed):
-        yield "slides", f"needs {all_fixed} (it is {shown(grasp.fixed)})"
-
-
-def load_rules(key: str, load: Load) -> Rules:
-    """Values of a load that would be ignored."""
-    if load.signal != "none" and load.topic:
-        yield "topic", f"cannot be used with {key}.signal {load.signal}; remove one of them"
-    for part in ("force", "torque") if load.signal == "none" else ():
-        if any(getattr(load, part)):
-            cure = f"set {key}.signal to constant or sine, or remove it"
-            yield part, f"would be ignored; {cure}"
-    if load.type == "force" and any(load.torque):
-        yield "torque", f"would be ignored; set {key}.type to wrench"
+    def conflicts(self, key: str, scene: Any) -> Rules:
+        """The same, and what a grasp alone can have."""
+        yield from super().conflicts(key, scene)
+        if self.roll and self.roll_spring:
+            cure = f"remove it, or set {key}.roll: false"
+            yield "roll_spring", f"N m/rad would do nothing beside {key}.roll: true; {cure}"
+        if not self.slides and (self.grip or self.friction >= 0.0):
+            cure = f"set {key}.slides: true, or remove it"
+            yield "grip" if self.grip else "friction", f"does nothing for a cable held fast; {cure}"
+        if self.slides and self.clamped:
+            cure = f"set {key}.clamped: false; tangent_spring holds the direction"
+            yield "slides", f"is not possible with a clamp; {cure}"
+        if self.slides and self.holds_roll:
+            yield "slides", f"is not possible where the roll is held; remove {key}.roll"
+        if self.slides and not all(self.fixed):
+            yield "slides", f"needs {key}.fixed: [true, true, true] (it is {shown(self.fixed)})"

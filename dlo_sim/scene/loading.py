@@ -38,7 +38,7 @@ def load_scene(
     """
     wanted = mapping("overrides", {} if overrides is None else overrides)
     if isinstance(source, Mapping):
-        values = _node_values(source) if _has_nodes(source) else _flat_keys(source)
+        values = _node_values(source) if _has_nodes(source) else flat_keys(source)
         return scene_from_values(overridden(values, wanted))
     values = scene_file_values(source)
     try:
@@ -166,7 +166,7 @@ def _node_values(document: object) -> dict[str, object]:
         raise SceneError(f"holds nothing for the node {NODE_NAME}; use '/**:' for any node")
     values: dict[str, object] = {}
     for _, block in sorted(matching, key=lambda item: item[0] == name):
-        values.update(_flat_keys(block))
+        values.update(flat_keys(block))
     return values
 
 
@@ -178,7 +178,7 @@ def _has_nodes(document: Mapping[str, object], depth: int = 0) -> bool:
     )
 
 
-def _flat_keys(
+def flat_keys(
     block: object, prefix: str = "", depth: int = 0, *, strings: bool = True
 ) -> dict[str, object]:
     """Nested and dotted keys as one flat mapping.
@@ -196,7 +196,7 @@ def _flat_keys(
         name = f"{prefix}{key}"
         parts = {name: value}
         if isinstance(value, Mapping):
-            parts = _flat_keys(value, f"{name}.", depth + 1, strings=strings)
+            parts = flat_keys(value, f"{name}.", depth + 1, strings=strings)
         for part in parts:
             if part in flat:
                 raise SceneError(f"{part}: {brief(parts[part])} is given twice; keep one of them")
@@ -211,7 +211,7 @@ def nodes_with_parameters(document: object) -> list[str]:
     """
     blocks = () if document is None else _node_blocks(document, ())
     return list(
-        dict.fromkeys(node for node, block in blocks if block and _flat_keys(block, strings=False))
+        dict.fromkeys(node for node, block in blocks if block and flat_keys(block, strings=False))
     )
 
 

@@ -100,8 +100,7 @@ _ONLY_FRICTION = (
     "only friction would twist the cable, so it slides; set terms.twist: bishop to let it roll"
 )
 _ROWS = {term.name: term for term in TERMS}
-_AT = list(_ROWS).index("twist") + 1
-NAMES = (*[*_ROWS][:_AT], *_VARIANTS, *[*_ROWS][_AT:])
+NAMES = tuple(name for term in TERMS for name in (term.name, *term.variants))
 """Names of all terms, in the order in which they are reported."""
 
 
@@ -232,8 +231,8 @@ def _hangs_taut(scene: Scene) -> bool:
     return (
         all(any(end.fixed) and not end.holds_direction for end in scene.ends.values())
         and _far(scene)
-        and not (scene.loads or scene.grasps or scene.is_driven or scene.touches)
-        and not (scene.cable.shaped or scene.hose.pressure)
+        and not (scene.grasps or scene.touches or scene.cable.shaped)
+        and not any(term.presses and term.needed(scene) for term in TERMS)
     )
 
 
@@ -270,24 +269,21 @@ def _warning_of_twist(scene: Scene) -> str:
 
 
 def _twists(scene: Scene, axes: tuple[int, ...]) -> bool:
-    """Whether anything twists the cable, or may while it runs; what may is no warning."""
+    """Whether anything twists the cable, or may while it runs; what may is no warning.
+
+    In space bending twists the cable, or a gripper can, where its roll is held in two places, or in
+    one against a natural or plastic curvature. Otherwise nothing takes up a twisting moment.
+    """
     in_space = len(axes) == 3  # in a plane a moment only bends the cable
     moment = in_space and any(any(load.torque) for load in scene.loads)
-    if scene.terms.twist == "off":
-        return scene.is_rolled or moment
-    comes = in_space and _twist_model(scene) != "off" and _moments_may_come(scene)
-    return moment or comes or (in_space and twists_in_space(scene))
-
-
-def twists_in_space(scene: Scene) -> bool:
-    """Whether bending in space twists the cable, or a gripper can: its roll is held in two places,
-    or in one against a natural or plastic curvature; or it is twisted without loads. Otherwise
-    the twisting moment is zero everywhere, as nothing takes it up.
-    """
+    if scene.terms.twist == "off" or not in_space:
+        return moment or (scene.is_rolled and scene.terms.twist == "off")
+    comes = any(load.type == "wrench" and load.signal == "none" for load in scene.loads)
     held = sum(holder.holds_roll for holder in scene.holders.values())
     bent = scene.cable.shaped or scene.is_plastic
     sprung = any(holder.roll_spring for holder in scene.holders.values())
-    return held > 1 or sprung or (held == 1 and bent) or any(scene.cable.rest_twist)
+    twisted = held > 1 or sprung or (held == 1 and bent) or any(scene.cable.rest_twist)
+    return moment or twisted or (comes and _twist_model(scene) != "off")
 
 
 def with_load(
@@ -381,8 +377,3 @@ def _forces_leave(scene: Scene, normal: int) -> bool:
 
 def _plane(axes: tuple[int, ...]) -> str:
     return f"the {''.join('xyz'[axis] for axis in axes)} plane"
-
-
-def _moments_may_come(scene: Scene) -> bool:
-    """Whether a load may become a moment while the cable is simulated."""
-    return any(load.type == "wrench" and load.signal == "none" for load in scene.loads)

@@ -1,15 +1,16 @@
 """What a scene says of the node: its inputs and outputs, measured points, forecasts, its state."""
 
 from dataclasses import dataclass
+from typing import Any
 
-from dlo_sim.scene.parameter import parameter
+from dlo_sim.scene.parameter import Group, parameter
 from dlo_sim.scene.refusal import Rules, shown
 
 LEAST_LATENCY, MOST_LATENCY = 0.06, 10.0  # s, of inputs.latency auto
 
 
 @dataclass(frozen=True)
-class Inputs:
+class Inputs(Group):
     """Processing of input messages: time base, latency, limits, catching up.
 
     Parameters:
@@ -39,6 +40,12 @@ class Inputs:
         """The lag [s] if no pose needs more."""
         return LEAST_LATENCY if self.latency < 0.0 else self.latency
 
+    def conflicts(self, key: str, scene: Any) -> Rules:
+        """Less time to catch up than passes between two ticks."""
+        if self.catch_up < 1.0 / scene.rate:
+            what = f"one timer period ({1.0 / scene.rate:g} s at rate {scene.rate:g} Hz)"
+            yield "catch_up", f"s is shorter than {what}; give at least {1.0 / scene.rate:g}"
+
 
 @dataclass(frozen=True)
 class Measured:
@@ -64,7 +71,7 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Outputs:
+class Outputs(Group):
     """Outputs other than the control points.
 
     Parameters:
@@ -89,6 +96,14 @@ class Outputs:
     capsules: int = parameter(0, "", (0, 1000))
     tf: bool = parameter(False, read_only=True)
     color_range: tuple[float, float] = parameter((0.0, 0.0), "", (-1.0e9, 1.0e9))
+
+    def conflicts(self, key: str, scene: Any) -> Rules:
+        """A falling colour range, and colours by a tension that is not known."""
+        low, high = self.color_range
+        if low > high:
+            yield "color_range", f"falls; give {shown((high, low))}"
+        if self.color_by == "tension" and scene.without_tension:
+            yield "color_by", f"{scene.without_tension}; give curvature"
 
 
 @dataclass(frozen=True)
@@ -116,19 +131,3 @@ class State:
     """
 
     save_to: str = parameter("", read_only=True)
-
-
-def input_rules(inputs: Inputs, rate: float) -> Rules:
-    """Less time to catch up than passes between two ticks."""
-    if inputs.catch_up < 1.0 / rate:
-        what = f"one timer period ({1.0 / rate:g} s at rate {rate:g} Hz)"
-        yield "catch_up", f"s is shorter than {what}; give at least {1.0 / rate:g}"
-
-
-def output_rules(outputs: Outputs, without_tension: str) -> Rules:
-    """A falling colour range, and colours by a tension that is not known."""
-    low, high = outputs.color_range
-    if low > high:
-        yield "color_range", f"falls; give {shown((high, low))}"
-    if outputs.color_by == "tension" and without_tension:
-        yield "color_by", f"{without_tension}; give curvature"

@@ -1,8 +1,9 @@
 """What a scene says of how it is computed: spline, terms, first shape, method and accuracy."""
 
 from dataclasses import dataclass
+from typing import Any
 
-from dlo_sim.scene.parameter import SWITCH, parameter
+from dlo_sim.scene.parameter import SWITCH, Group, parameter
 from dlo_sim.scene.refusal import Rules
 
 LEAST_STEP = 1e-9  # [s]; 0 = chosen automatically
@@ -10,7 +11,7 @@ LEAST_BY_SPAN = 9  # control points from which stretching by span is never less 
 
 
 @dataclass(frozen=True)
-class Discretization:
+class Discretization(Group):
     """Spline, quadrature and mass matrix.
 
     Parameters:
@@ -47,6 +48,33 @@ class Discretization:
         many = self.control_points == 0 or self.control_points >= LEAST_BY_SPAN
         enough = self.quadrature == "gauss" and many
         return self.stretch == "span" or (self.stretch == "auto" and enough)
+
+    def conflicts(self, key: str, scene: Any) -> Rules:
+        """Quadratures that do not fit the knots, or leave motions that cost no energy."""
+        gauss, by_span = self.quadrature == "gauss", self.stretch == "span"
+        number = self.control_points
+        least = max(2 * (number - 3), 4)
+        if 0 < number < 4:
+            yield "control_points", "are too few for a cubic; give 4 or more, or 0"
+        if self.knots == "graded" and not gauss:
+            yield "knots", "need Gauss points; set discretization.quadrature to gauss"
+        if self.knots == "graded" and self.grading[2] == 0.0:
+            yield "grading", "decays over no length; give one above 0 m as the third number"
+        if gauss and not 2 <= self.samples <= 10:
+            cure = (
+                "give 2 to 10 (a single one leaves ways to bend that cost no energy), or set "
+                "discretization.quadrature to uniform"
+            )
+            yield "samples", f"points per knot span will not do for gauss; {cure}"
+        if by_span and not gauss:
+            cure = "set discretization.quadrature to gauss, or stretch to sample"
+            yield "stretch", f"needs Gauss points; {cure}"
+        if by_span and 0 < number < 5:
+            cure = "give 5 control points or more, or set it to sample"
+            yield "stretch", f"leaves a single span ways to stretch that cost no energy; {cure}"
+        if not gauss and self.samples < least:
+            cure = f"give {least} or more in all, two a knot span"
+            yield "samples", f"samples are too few for uniform quadrature; {cure}"
 
 
 @dataclass(frozen=True)
@@ -96,7 +124,7 @@ class Initial:
 
 
 @dataclass(frozen=True)
-class Integrator:
+class Integrator(Group):
     """Time integration: method, step, and the reaction to a failure.
 
     Parameters:
@@ -112,9 +140,15 @@ class Integrator:
     tolerance: float = parameter(1.0e-6, "", (1.0e-15, 1.0e-2))
     on_failure: str = parameter("hold", choices=("hold", "stop"))
 
+    def conflicts(self, key: str, scene: Any) -> Rules:
+        """A step below the resolution of stamps."""
+        if 0.0 < self.step < LEAST_STEP:
+            what = f"s is below {LEAST_STEP:g} s, the resolution of stamps"
+            yield "step", f"{what}; give 0 to have it chosen"
+
 
 @dataclass(frozen=True)
-class Accuracy:
+class Accuracy(Group):
     """Acceptable position error, and whether the error is estimated.
 
     Parameters:
@@ -126,36 +160,8 @@ class Accuracy:
     target: float = parameter(0.001, "m", (1e-9, 1e3))
     estimate: str = parameter("auto", choices=SWITCH)
 
-
-def discretization_rules(mesh: Discretization) -> Rules:
-    """Quadratures that do not fit the knots, or leave motions that cost no energy."""
-    gauss, number, by_span = mesh.quadrature == "gauss", mesh.control_points, mesh.stretch == "span"
-    least = max(2 * (number - 3), 4)
-    if 0 < number < 4:
-        yield "control_points", "are too few for a cubic; give 4 or more, or 0"
-    if mesh.knots == "graded" and not gauss:
-        yield "knots", "need Gauss points; set discretization.quadrature to gauss"
-    if mesh.knots == "graded" and mesh.grading[2] == 0.0:
-        yield "grading", "decays over no length; give one above 0 m as the third number"
-    if gauss and not 2 <= mesh.samples <= 10:
-        cure = (
-            "give 2 to 10 (a single one leaves ways to bend that cost no energy), or set "
-            "discretization.quadrature to uniform"
-        )
-        yield "samples", f"points per knot span will not do for gauss; {cure}"
-    if by_span and not gauss:
-        cure = "set discretization.quadrature to gauss, or stretch to sample"
-        yield "stretch", f"needs Gauss points; {cure}"
-    if by_span and 0 < number < 5:
-        cure = "give 5 control points or more, or set it to sample"
-        yield "stretch", f"leaves a single span ways to stretch that cost no energy; {cure}"
-    if not gauss and mesh.samples < least:
-        cure = f"give {least} or more in all, two a knot span"
-        yield "samples", f"samples are too few for uniform quadrature; {cure}"
-
-
-def integrator_rules(integrator: Integrator) -> Rules:
-    """A step below the resolution of stamps."""
-    if 0.0 < integrator.step < LEAST_STEP:
-        what = f"s is below {LEAST_STEP:g} s, the resolution of stamps"
-        yield "step", f"{what}; give 0 to have it chosen"
+    def conflicts(self, key: str, scene: Any) -> Rules:
+        """An estimate by finer runs, which measured points do not correct."""
+        if self.estimate == "on" and scene.measured.type != "none":
+            cure = "give auto, or measured.type: none"
+            yield "estimate", f"cannot be had while measured points correct the prediction; {cure}"

@@ -4,8 +4,9 @@ import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from dlo_sim.scene.parameter import ORIGIN, SWITCH, Quaternion, Vector, parameter
+from dlo_sim.scene.parameter import ORIGIN, SWITCH, Group, Quaternion, Vector, parameter
 from dlo_sim.scene.refusal import Rules
 
 LEAST_CELLS = 8  # of a mesh's field
@@ -19,13 +20,13 @@ IN_MEMORY, IN_TEXT = "triangles:", "base64:"
 
 
 @dataclass(frozen=True)
-class Contact:
+class Contact(Group):
     """Contact of the cable with obstacles and with itself: what they have in common.
 
     Parameters:
-        self: Whether the cable touches itself, with contact.friction, instead of passing through
-            itself; needs energy_momentum or implicit_midpoint. auto = off, with a warning where it
-            passes through.
+        self_contact: Whether the cable touches itself, with contact.friction, instead of passing
+            through itself; needs energy_momentum or implicit_midpoint. auto = off, with a warning
+            where it passes through.
         stiffness: Contact force per unit length and penetration depth; 0 = chosen for each
             obstacle, so that the weight on earth presses the cable in by a thousandth of its
             diameter, landing at 2 m/s or usual tension round an edge by a fiftieth, and so on
@@ -39,16 +40,24 @@ class Contact:
             0 = it does not listen there.
     """
 
-    self: str = parameter("auto", choices=SWITCH)
+    self_contact: str = parameter("auto", choices=SWITCH)
     stiffness: float = parameter(0.0, "N/m^2", (0.0, 1.0e12))
     restitution: float = parameter(0.0, "", (0.0, 1.0))
     damping: float = parameter(0.3, "", (0.0, 10.0))
     friction: float = parameter(0.0, "", (0.0, 100.0))
     markers: int = parameter(0, "", (0, 1000), read_only=True)
 
+    def conflicts(self, key: str, scene: Any) -> Rules:
+        """Contact that is next to none, and markers without contact, with terms.contact `off`."""
+        if 0.0 < self.stiffness < LEAST_STIFFNESS:
+            yield "stiffness", f"is below {LEAST_STIFFNESS:g}; give 0 to have it chosen"
+        if self.markers and scene.terms.contact == "off":
+            why = "since terms.contact is off; set it to auto"
+            yield "markers", f"obstacles would do nothing, {why}"
+
 
 @dataclass(frozen=True)
-class Obstacle:
+class Obstacle(Group):
     """A rigid body that the cable cannot enter.
 
     Parameters:
@@ -146,41 +155,32 @@ class Obstacle:
                 return away > (0.5 * (extent - rounding) if prism else 0.0)
         return True
 
-
-def obstacle_rules(key: str, obstacle: Obstacle, diameter: float, world: str) -> Rules:
-    """A shape without a file, extents or axes; a frame that is none."""
-    shape, size = obstacle.shape, obstacle.size
-    if shape == "mesh" and not obstacle.mesh:
-        yield "mesh", "is no file; give a mesh file, or another shape"
-    if 0 < obstacle.mesh_cells < LEAST_CELLS:
-        yield "mesh_cells", f"are too few; give {LEAST_CELLS} or more, or 0 to have them chosen"
-    used = {"plane": 0, "mesh": 0, "sphere": 1, "ring": 2}.get(shape, 3)
-    least = min(size[:used], default=LEAST_SIZE)
-    if least < LEAST_SIZE:
-        what = (
-            f"{least:g} m where a {shape} needs more" if least else f"a zero that a {shape} needs"
-        )
-        yield "size", f"has {what}; give its extents, or remove it"
-    elif shape in ("ring", "channel") and size[0] <= diameter:
-        through = f"through which a cable of {diameter:g} m does not go"
-        cure = "give a wider one, or a thinner cable"
-        yield "size", f"has an opening of {size[0]:g} m, {through}; {cure}"
-    elif shape == "channel" and size[2] < size[1]:
-        cure = "make it longer, or take a ring"
-        yield "size", f"is a channel shorter than its wall is thick; {cure}"
-    if math.hypot(*obstacle.orientation) < LEAST_QUATERNION:
-        yield "orientation", "is no rotation; give x, y, z, w, [0.0, 0.0, 0.0, 1.0] for none"
-    if obstacle.frame and obstacle.pose_topic:
-        yield "frame", f"gives the pose; remove it or {key}.pose_topic"
-    if obstacle.frame.startswith("/"):
-        yield "frame", f"is no frame of tf2; give {obstacle.frame.lstrip('/') or 'table'}"
-    if obstacle.frame == world:
-        yield "frame", "is the world frame, frame_id, in which obstacles rest; remove it"
-
-
-def contact_rules(contact: Contact, off: bool) -> Rules:
-    """Contact that is next to none, and markers without contact, with terms.contact `off`."""
-    if 0.0 < contact.stiffness < LEAST_STIFFNESS:
-        yield "stiffness", f"is below {LEAST_STIFFNESS:g}; give 0 to have it chosen"
-    if contact.markers and off:
-        yield "markers", "obstacles would do nothing, since terms.contact is off; set it to auto"
+    def conflicts(self, key: str, scene: Any) -> Rules:
+        """A shape without a file, extents or axes; a frame that is none."""
+        shape, size = self.shape, self.size
+        if shape == "mesh" and not self.mesh:
+            yield "mesh", "is no file; give a mesh file, or another shape"
+        if 0 < self.mesh_cells < LEAST_CELLS:
+            yield "mesh_cells", f"are too few; give {LEAST_CELLS} or more, or 0 to have them chosen"
+        used = {"plane": 0, "mesh": 0, "sphere": 1, "ring": 2}.get(shape, 3)
+        least = min(size[:used], default=LEAST_SIZE)
+        if least < LEAST_SIZE:
+            what = f"{least:g} m where a {shape} needs more"
+            if least == 0.0:
+                what = f"a zero that a {shape} needs"
+            yield "size", f"has {what}; give its extents, or remove it"
+        elif shape in ("ring", "channel") and size[0] <= scene.cable.diameter:
+            through = f"through which a cable of {scene.cable.diameter:g} m does not go"
+            cure = "give a wider one, or a thinner cable"
+            yield "size", f"has an opening of {size[0]:g} m, {through}; {cure}"
+        elif shape == "channel" and size[2] < size[1]:
+            cure = "make it longer, or take a ring"
+            yield "size", f"is a channel shorter than its wall is thick; {cure}"
+        if math.hypot(*self.orientation) < LEAST_QUATERNION:
+            yield "orientation", "is no rotation; give x, y, z, w, [0.0, 0.0, 0.0, 1.0] for none"
+        if self.frame and self.pose_topic:
+            yield "frame", f"gives the pose; remove it or {key}.pose_topic"
+        if self.frame.startswith("/"):
+            yield "frame", f"is no frame of tf2; give {self.frame.lstrip('/') or 'table'}"
+        if self.frame == scene.frame_id:
+            yield "frame", "is the world frame, frame_id, in which obstacles rest; remove it"

@@ -25,12 +25,12 @@ from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from typing import Any, Literal, TypeVar, get_args
 
-from dlo_sim.scene.refusal import SceneError, brief, nearest, refusal, shown
+from dlo_sim.scene.refusal import Rules, SceneError, brief, nearest, refusal, shown
 
 Kind = Literal["double", "integer", "bool", "string", "double_array", "bool_array", "string_array"]
 Scalar = float | int | bool | str
 Value = Scalar | tuple[float, ...] | tuple[bool, ...] | tuple[str, ...]
-Group = TypeVar("Group")
+Fields = TypeVar("Fields")
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Switches = tuple[bool, bool, bool]
@@ -42,6 +42,18 @@ _KINDS: dict[Any, Kind] = {float: "double", int: "integer", bool: "bool", str: "
 _ARRAYS: dict[Any, Kind] = {float: "double_array", bool: "bool_array"}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _LONGEST_TEXT = 255
+
+
+class Group:
+    """A group of parameters whose values may be valid one by one but not together."""
+
+    def conflicts(self, key: str, scene: Any) -> Rules:
+        """Names of parameters, each with the problem and its cure, the first refuses the scene.
+
+        Args:
+            key: of the group, `grasps.left`. scene: of which it is a part.
+        """
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -133,7 +145,7 @@ def parameters_of(group: Any, prefix: str = "") -> Iterator[Parameter]:
             yield Parameter(key, kind, value, length=length, **facts)
 
 
-def with_parameters(group: Group, values: Mapping[str, Any], prefix: str = "") -> Group:
+def with_parameters(group: Fields, values: Mapping[str, Any], prefix: str = "") -> Fields:
     """A copy of the group with new values for some parameters, given by their keys."""
     changes: dict[str, Any] = {}
     for member in fields(group):  # type: ignore[arg-type]

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 IGNORED = "is ignored; remove it"
 # Key, or key and value -> what is said, and the values in its place.
-RETIRED: dict[str | tuple[str, str], tuple[str, dict[str, str]]] = {
+RETIRED: dict[str | tuple[str, str], tuple[str, dict[str, object]]] = {
     "integrator.zhai_psi": (f"{IGNORED}: zhai has psi = phi = 0.5, of the largest step", {}),
     "integrator.zhai_phi": (f"{IGNORED}: zhai has psi = phi = 0.5, of the largest step", {}),
     ("discretization.mass", "selective"): (f"{IGNORED}: the mass is consistent", {}),
@@ -20,13 +20,19 @@ RETIRED: dict[str | tuple[str, str], tuple[str, dict[str, str]]] = {
 }
 
 
+RENAMED = {"contact.self": "contact.self_contact"}
+
+
 def without_retired(values: Mapping[str, object]) -> dict[str, object]:
     """The values without keys and values that are retired, each with a UserWarning of one line."""
     kept = dict(values)
     for key, value in values.items():
-        word = "on" if value is True else value  # YAML 1.1 readers, ROS among them
+        # YAML 1.1 readers, ROS among them, read an unquoted on/off as a boolean.
+        word = ("off", "on")[value] if isinstance(value, bool) else value
         pair = (key, word) if isinstance(word, str) else key
         said, instead = RETIRED.get(key) or RETIRED.get(pair) or ("", {})
+        if key in RENAMED:
+            said, instead = f"is now {RENAMED[key]}; rename the key", {RENAMED[key]: value}
         if said:
             kept.pop(key)
             kept = instead | kept  # what a scene says beside it counts

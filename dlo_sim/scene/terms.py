@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from dlo_sim.scene.holders import Grasp
@@ -21,7 +22,9 @@ class Term:
     Attributes:
         name: as in `left_out`; also of its switch in `terms`, and of its bit in
             `engine.arrays.BITS`, where it has one.
+        variants: names of its models, if it has several, which are terms, too.
         needed: whether a scene needs it, `terms.twist` apart (`needs`).
+        presses: whether it may move, press or bend a cable that hangs taut.
         absent: why a scene lacks it that does not need it.
         loss: what a scene loses in which it is needed but switched off.
         forces: forces that it exerts, or velocities that it imposes, in the world; the cable stays
@@ -34,6 +37,8 @@ class Term:
     name: str
     needed: Callable[[Scene], bool]
     absent: str
+    variants: Names = ()
+    presses: bool = False
     loss: Callable[[Scene], str] = lambda scene: ""
     forces: Callable[[Scene], Sequence[Vector]] = lambda scene: ()
     numbers: Callable[[Scene], dict[str, float | Vector]] = lambda scene: {}
@@ -59,6 +64,7 @@ TERMS = (
         "twist",
         needed=lambda scene: scene.may_twist,
         absent="nothing twists the cable",
+        variants=("frenet", "bishop", "quasistatic"),
         loss=lambda scene: (
             "nothing turns the cable about its own axis, although a gripper or a moment does"
         ),
@@ -89,12 +95,14 @@ TERMS = (
     ),
     Term(
         "self_contact",
-        needed=lambda scene: scene.contact.self == "on",
-        absent="contact.self is not on",
+        needed=lambda scene: scene.touches_itself,
+        absent="contact.self_contact is not on",
     ),
     Term(
         "friction",
-        needed=lambda scene: bool(scene.rubbing) or scene.rubs_itself,
+        needed=lambda scene: (
+            bool(scene.rubbing) or (scene.touches_itself and scene.contact.friction > 0.0)
+        ),
         absent="the cable touches no obstacle, nor itself, with friction",
     ),
     Term(
@@ -114,8 +122,13 @@ TERMS = (
         ),
         absent="no end hangs on a spring",
     ),
-    Term("loads", needed=lambda scene: bool(scene.loads), absent="no loads"),
-    Term("drive", needed=lambda scene: scene.is_driven, absent="no gripper moves an end"),
+    Term("loads", needed=lambda scene: bool(scene.loads), absent="no loads", presses=True),
+    Term(
+        "drive",
+        needed=lambda scene: scene.is_driven,
+        absent="no gripper moves an end",
+        presses=True,
+    ),
     Term(
         "damping",
         needed=lambda scene: (
@@ -148,6 +161,7 @@ TERMS = (
         "pressure",
         needed=lambda scene: scene.hose.thrust > 0.0,
         absent="no pressure inside",
+        presses=True,
         numbers=lambda scene: {"thrust": scene.hose.thrust},
         faint={"hose.pressure": 1e-3, "hose.bore": 1e-4},
     ),
@@ -170,21 +184,39 @@ class Restriction:
     Attributes:
         methods: the methods that can.
         key: the parameter by which a scene asks for it.
-        value: its value; 0 or "" if the scene does not ask for it.
-        off: the value with which every method will do.
+        off: its value with which every method will do.
+        only: the value that asks for it; by default every one but `off`.
+        when: what else is needed for the scene to ask for it.
+        value: what the scene asks for; by default the value of the parameter.
         why: why other methods cannot, if that is not plain, to go on behind the value.
     """
 
     methods: Names
     key: str
-    value: Callable[[Scene], float | str]
     off: str = "0.0"
+    only: str = ""
+    when: Callable[[Scene], object] = lambda scene: True
+    value: Callable[[Scene], float | str] | None = None
     why: str = ""
+
+    def applies(self, scene: Scene) -> bool:
+        """Whether the scene asks for it."""
+        value = self._value(scene)
+        undamped = scene.terms.damping == "off" and self.key.startswith("damping.")
+        if undamped or not self.when(scene):
+            return False
+        if isinstance(value, str):
+            return value == self.only if self.only else value not in ("", self.off)
+        return value != float(self.off)
 
     def asked(self, scene: Scene) -> str:
         """Key and value with which the scene asks for it."""
-        value = self.value(scene)
+        value = self._value(scene)
         return f"{self.key} {value if isinstance(value, str) else f'{value:g}'}"
+
+    def _value(self, scene: Scene) -> float | str:
+        value: float | str = (self.value or attrgetter(self.key))(scene)
+        return value
 
     @property
     def kind(self) -> str:
@@ -196,96 +228,70 @@ class Restriction:
         return f"one of {', '.join(self.methods)}"
 
 
-def _of_twist(model: str) -> Callable[[Scene], str]:
-    return lambda scene: model if scene.terms.twist == model else ""
-
-
-def _of_damping(
-    name: str, if_also: Callable[[Scene], float] = lambda scene: 1.0
-) -> Callable[[Scene], float]:
-    def value(scene: Scene) -> float:
-        present = scene.terms.damping != "off" and if_also(scene)
-        return float(getattr(scene.damping, name)) if present else 0.0
-
-    return value
-
-
-def _on(scene: Scene) -> str:
-    return "on" if scene.contact.self == "on" else ""
-
-
-def _touching(scene: Scene) -> str:
-    return f"{scene.terms.contact} ({scene.touched})" if scene.touches else ""
-
-
-def _sliding(scene: Scene) -> str:
-    return next((f"of grasp {one.name}" for one in scene.grasps if one.slides), "")
-
-
-def _grasping(scene: Scene) -> str:
-    return ", ".join(grasp.name for grasp in scene.grasps)
-
-
-def _rolled(scene: Scene) -> float:
-    return max(end.roll_spring for end in scene.ends.values())
-
-
-def _shaped(scene: Scene) -> str:
-    """The natural shape, as curvatures and twist rate along the cable."""
-    return " ".join(shown(one) for one in scene.cable.natural_shape if any(one))
-
-
-def _turned_drag(scene: Scene) -> str:
-    return f"{scene.damping.air_drag_ratio:g}" if scene.drag_across else ""
-
-
-def _measured(scene: Scene) -> str:
-    return "" if scene.measured.type == "none" else scene.measured.type
-
-
 _GROWING = ", since its negative sub-steps make damping grow"
-_POINT_MASS = " beside a point mass (start.mass, end.mass)"
 RESTRICTIONS = (
-    Restriction(EXPLICIT, "terms.twist", _of_twist("frenet"), "auto"),
-    Restriction(IMPLICIT, "terms.twist", _of_twist("quasistatic"), "auto"),
-    Restriction(IMPLICIT, "terms.twist", _of_twist("bishop"), "off"),
-    Restriction(FORWARD, "contact.self", _on, "off"),
-    Restriction(FORWARD, "damping.stiffness", _of_damping("stiffness")),
-    Restriction(FORWARD, "damping.stretch", _of_damping("stretch")),
-    Restriction(FORWARD, "damping.bend", _of_damping("bend")),
-    Restriction(FORWARD, "damping.twist", _of_damping("twist")),
-    Restriction(
-        ("energy_momentum",),
-        "damping.thinning",
-        _of_damping("thinning", if_also=lambda scene: scene.damping.internal[1]),
+    Restriction(EXPLICIT, "terms.twist", "auto", only="frenet"),
+    Restriction(IMPLICIT, "terms.twist", "auto", only="quasistatic"),
+    Restriction(IMPLICIT, "terms.twist", "off", only="bishop"),
+    Restriction(FORWARD, "contact.self_contact", "off", only="on"),
+    *(
+        Restriction(FORWARD, f"damping.{name}")
+        for name in ("stiffness", "stretch", "bend", "twist")
     ),
-    Restriction(IMPLICIT, "damping.air_drag_ratio", _turned_drag, "1.0"),
-    Restriction(IMPLICIT, "water.density", lambda scene: scene.water.density),
-    Restriction(IMPLICIT, "hose.pressure", lambda scene: scene.hose.pressure),
+    Restriction(
+        ("energy_momentum",), "damping.thinning", when=lambda scene: scene.damping.internal[1]
+    ),
+    Restriction(IMPLICIT, "damping.air_drag_ratio", "1.0", when=lambda scene: scene.drag_across),
+    Restriction(IMPLICIT, "water.density"),
+    Restriction(IMPLICIT, "hose.pressure"),
     Restriction(
         IMPLICIT,
         "damping.air_drag",
-        _of_damping("air_drag", if_also=lambda scene: scene.start.mass or scene.end.mass),
-        why=_POINT_MASS,
+        when=lambda scene: scene.start.mass or scene.end.mass,
+        why=" beside a point mass (start.mass, end.mass)",
     ),
-    Restriction(SINGLE, "damping.mass", _of_damping("mass"), why=_GROWING),
-    Restriction(SINGLE, "damping.air_drag", _of_damping("air_drag"), why=_GROWING),
+    Restriction(SINGLE, "damping.mass", why=_GROWING),
+    Restriction(SINGLE, "damping.air_drag", why=_GROWING),
+    Restriction(LOSSY, "plasticity.yield_curvature", when=lambda scene: scene.is_plastic),
     Restriction(
-        LOSSY,
-        "plasticity.yield_curvature",
-        lambda scene: scene.plasticity.yield_curvature if scene.is_plastic else 0.0,
+        FORWARD,
+        "terms.contact",
+        "off",
+        when=lambda scene: scene.touches,
+        value=lambda scene: f"{scene.terms.contact} ({scene.touched})",
+        why=", since its steps cannot land",
     ),
-    Restriction(FORWARD, "terms.contact", _touching, "off", ", since its steps cannot land"),
     Restriction(
-        FORWARD, "slides", _sliding, "false", ", since its steps cannot let the cable slide"
+        FORWARD,
+        "slides",
+        "false",
+        value=lambda scene: next(
+            (f"of grasp {one.name}" for one in scene.grasps if one.slides), ""
+        ),
+        why=", since its steps cannot let the cable slide",
     ),
-    Restriction(IMPLICIT, "grasps.names", _grasping, "[]"),
-    Restriction(IMPLICIT, "roll_spring", _rolled),
-    Restriction(IMPLICIT, "cable.rest_curvature", _shaped, "[0.0]"),
-    Restriction(IMPLICIT, "measured.type", _measured, "none"),
+    Restriction(
+        IMPLICIT,
+        "grasps.names",
+        "[]",
+        value=lambda scene: ", ".join(grasp.name for grasp in scene.grasps),
+    ),
+    Restriction(
+        IMPLICIT,
+        "roll_spring",
+        value=lambda scene: max(end.roll_spring for end in scene.ends.values()),
+    ),
+    Restriction(
+        IMPLICIT,
+        "cable.rest_curvature",
+        "[0.0]",
+        # The natural shape, as curvatures and twist rate along the cable.
+        value=lambda scene: " ".join(shown(one) for one in scene.cable.natural_shape if any(one)),
+    ),
+    Restriction(IMPLICIT, "measured.type", "none"),
 )
 
 
 def restrictions_of(scene: Scene) -> list[Restriction]:
     """What of a scene only some methods can step."""
-    return [one for one in RESTRICTIONS if one.value(scene)]
+    return [one for one in RESTRICTIONS if one.applies(scene)]

@@ -51,6 +51,7 @@ _CABLE_COLOR = (0.95, 0.55, 0.1, 1.0)
 _POLYGON_COLOR = (0.3, 0.5, 0.9, 0.6)
 _BODY_COLOR, _FORCE_COLOR = (0.6, 0.6, 0.6, 0.5), (0.9, 0.1, 0.1, 1.0)
 _PLATE = 1e-3  # [m], thickness of the marker of a plane
+_MARKED = "plane", "box", "sphere", "cylinder", "capsule"  # shapes that `_bodies` has markers for
 _MARKER_PERIODS = 5  # after which a marker that is not renewed disappears
 _FINER = 4  # points of the cable per capsule from which its radius is computed
 
@@ -184,7 +185,7 @@ class Outputs:
                 where, size = [*pose[0], *pose[1]], (obstacle.mesh_scale,) * 3
                 url = obstacle.mesh_url
                 bodies.append(cdr.Body(cdr.MESH_RESOURCE, where, size, resource=url))
-            elif obstacle.shape in ("ring", "channel", "mesh"):
+            elif obstacle.shape not in _MARKED:
                 points = simulator.surface(obstacle.name).reshape(-1, 3)
                 bodies.append(cdr.Body(cdr.TRIANGLE_LIST, [*pose[0], *pose[1]], (1.0,) * 3, points))
             else:

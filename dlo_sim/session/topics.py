@@ -43,7 +43,7 @@ def output_topics(scene: Scene) -> dict[str, str]:
     """Topic -> ROS type of all outputs of a scene, in the order of publication."""
     free = {REACTION.format(name) for name, holder in scene.holders.items() if not holder.held}
     asked = {POINTS: scene.outputs.points, CAPSULES: scene.outputs.capsules, TF: scene.outputs.tf}
-    asked[CONTACTS] = scene.touches or scene.contact.self == "on"
+    asked[CONTACTS] = scene.touches or scene.touches_itself
     asked |= dict.fromkeys((FORECAST, GHOSTS), scene.forecast.processes)
     free |= {topic for topic, wanted in asked.items() if not wanted}
     return {topic: kind for topic, kind in possible_outputs(scene).items() if topic not in free}

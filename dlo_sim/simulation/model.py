@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import arguments, bspline, mass, quadrature
+from dlo_sim.core import arguments, bspline, elimination, mass, quadrature
 from dlo_sim.engine.arrays import PLASTICITY, CableArrays, Inputs, State
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.simulation.arrays import without_margins
@@ -145,7 +145,7 @@ class Model:
     def mass_solutions(self, values: Array, twist: int) -> Array:
         """M^-1 b for rows b, shape (m, n), with the mass matrix of space or of the twist line."""
         band = self._lower(self.arrays.linear.mass[twist])
-        return mass.solve(band, np.zeros(self.n, dtype=bool), values.T).T
+        return elimination.solve(mass.dense(band), values.T, bspline.DEGREE)[0].T
 
     @property
     def twisting_stiffness(self) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.compiling.lanes import LANES
-from dlo_sim.core import bspline, mass, quadrature, rotations
+from dlo_sim.core import bspline, elimination, mass, quadrature, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.strain import strain
 from dlo_sim.engine import contact, shapes
@@ -682,7 +682,7 @@ def trapezoidal(knots: Array, xi: Array, there: NDArray[np.bool_]) -> quadrature
     # Least squares by their normal equations; a single span has more basis functions than samples.
     band = mass.gram(knots, rule=quadrature.Quadrature(xi, there.astype(float)))
     band[0] *= 1.0 + 1e-13
-    change = mass.solve(band, np.zeros(len(lacking), dtype=bool), lacking)
+    change, _ = elimination.solve(mass.dense(band), lacking, bspline.DEGREE)
     weights += there * np.einsum("smk,sk->sm", values, change[here])
     return quadrature.Quadrature(xi, weights)
 

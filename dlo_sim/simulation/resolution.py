@@ -181,7 +181,7 @@ def _round_spans(scene: Scene, bend: float, taut: float) -> list[tuple[float, st
             pulled through a guide or a knot [m].
     """
     found = []
-    if scene.contact.self == "on":
+    if scene.touches_itself:
         found.append((_span_round(scene, None, taut), "another strand"))
     if not scene.touches:
         return found
@@ -217,7 +217,9 @@ class Shortfall(NamedTuple):
 
     def warning(self, name: str, cure: str) -> str:
         """One line; name: of the obstacle, or ITSELF. cure: `raised`."""
-        what, around = (f"obstacles.{name}", "it") if name != ITSELF else ("contact.self", "itself")
+        what, around = f"obstacles.{name}", "it"
+        if name == ITSELF:
+            what, around = "contact.self_contact", "itself"
         return (
             f"{what}: the cable bends round {around} by {self.turn:.2g} rad in a knot span at "
             f"{self.u:.3g} m, so forces there may be some 10 % off or more; {cure}"

@@ -8,8 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from dlo_sim.core.amplification import largest_step
-from dlo_sim.core.methods import IMPLICIT, METHODS, RUNGE_KUTTA, ZHAI, Method
+from dlo_sim.core.methods import IMPLICIT, METHODS, Method
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.terms import restrictions_of
@@ -191,16 +190,8 @@ def _method(scene: Scene, name: str) -> Method:
 
 
 def _step_limit(scene: Scene, method: Method, frequency: float) -> float:
-    """Largest stable step [s] of the linearised scene."""
-    rates = set(scene.decay_rates)
-    return min(_damped_limit(method, frequency, rate) for rate in rates)
-
-
-def _damped_limit(method: Method, frequency: float, rate: float) -> float:
-    """Largest stable step [s] for modes up to a frequency that are all damped at one rate."""
-    if rate and method.family in (RUNGE_KUTTA, ZHAI):
-        # These take damping as a force; splitting methods solve it exactly.
-        return largest_step(method, frequency, rate)
+    """Largest stable step [s] of the linearised scene, whose modes are all damped at its rates."""
+    frequency += method.decay_weight * max(scene.decay_rates)
     return method.stability_limit / frequency if frequency > 0.0 else np.inf
 
 

@@ -246,9 +246,9 @@ class Watch:
             return ""
         least, (a, b), _ = self.least
         return (
-            f"contact.self: off, so the cable passes through itself: first at {self.first:.3g} s, "
-            f"in {self.close} of {self.looks} looks, up to {-least:.2g} m deep (at {a:.3g} m and "
-            f"{b:.3g} m); set it to on"
+            "contact.self_contact: off, so the cable passes through itself: "
+            f"first at {self.first:.3g} s, in {self.close} of {self.looks} looks, up to "
+            f"{-least:.2g} m deep (at {a:.3g} m and {b:.3g} m); set it to on"
         )
 
 
@@ -268,29 +268,29 @@ def warnings(scene: Scene, cable: Cable, found: Contact | None, finer: str) -> I
     if account.pairs_lost:
         lines.append(f"{account.pairs_lost:.0f} pairs of segments were left out")
     if lines:
-        yield f"contact.self: {' and '.join(lines)}; use a smaller integrator.step"
+        yield f"contact.self_contact: {' and '.join(lines)}; use a smaller integrator.step"
     segment = float(cable.arrays.chain.length.max())
     if segment > LONGEST * diameter:
         spans = (scene.discretization.control_points - bspline.DEGREE) * segment
         needed = math.ceil(spans / (LONGEST * diameter)) + bspline.DEGREE
         yield (
-            f"contact.self: its segments of {segment:.2g} m are coarse for a diameter of "
+            f"contact.self_contact: its segments of {segment:.2g} m are coarse for a diameter of "
             f"{diameter:.2g} m; raise discretization.control_points to {needed}, or the diameter"
         )
     if account.overlap:
         side = ", maybe to the wrong side" if account.overlap > DEEP * diameter else ""
         yield (
-            f"contact.self: the cable began up to {account.overlap:.3g} m inside itself, or came "
-            f"there by changed parameters, and is pushed out at {RETURN:g} m/s{side}; begin with "
-            "its strands apart, or change them in small steps"
+            f"contact.self_contact: the cable began up to {account.overlap:.3g} m inside itself, "
+            f"or came there by changed parameters, and is pushed out at {RETURN:g} m/s{side}; "
+            "begin with its strands apart, or change them in small steps"
         )
     # Between segments: where they bend, the surface of the cable is further in (METHODS.md).
     deep = -float(cable.strands()[:, 0].min(initial=0.0)) - account.pair_overlap
     if deep > PRESSED * diameter:
         yield (
-            f"contact.self: strands are pressed {deep:.2g} m into each other, {deep / diameter:.1%}"
-            f" of the diameter, by up to {found.pressure:.3g} N/m; raise contact.stiffness to "
-            f"{found.pressure / (0.5 * PRESSED * diameter):.2g}"
+            f"contact.self_contact: strands are pressed {deep:.2g} m into each other, "
+            f"{deep / diameter:.1%} of the diameter, by up to {found.pressure:.3g} N/m; raise "
+            f"contact.stiffness to {found.pressure / (0.5 * PRESSED * diameter):.2g}"
             + (f" and {finer}" if finer else "")
         )
 
@@ -311,7 +311,7 @@ def check_start(scene: Scene, cable: Cable, held: Sequence[float]) -> None:
     away = max(float(np.abs(np.array(held) - u).min()) for u in found.u)
     if found.clearance < -DEEP * diameter and away < APART * diameter:
         raise SceneError(
-            f"contact.self: the cable begins {-found.clearance:.3g} m inside itself, at "
+            f"contact.self_contact: the cable begins {-found.clearance:.3g} m inside itself, at "
             f"{found.u[0]:.3g} m and {found.u[1]:.3g} m, where it is held; move its ends or grasps "
             "apart, or set it to off"
         )

@@ -6,37 +6,37 @@ Each is a function of its resolution, a step or a number of control points.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 
-from dlo_sim.core import bspline, mass
-from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.core import mass
+from dlo_sim.scene.loading import flat_keys
 from dlo_sim.simulation.obstacles import BRISTLES, stiffness
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.known_answers import (
+    CLAMPED,
     Answer,
     Answers,
     Array,
     Values,
+    along,
     answered,
-    flat,
-    motion,
+    laid_along,
     simulator,
+    with_tails,
 )
 from dlo_sim.studies.runs import Timed
 
-FREE = {"fixed": [False] * 3}
+FREE: Values = {"fixed": [False] * 3}
 WEIGHTLESS: Values = {"gravity": [0.0, 0.0, 0.0]}
 ALONG_Y = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]  # orientation of a cylinder
 ROD_FRICTION, ROD_GRAVITY = 0.4, 9.8
-ROD: Values = flat(
+ROD: Values = flat_keys(
     {
         "cable": {"length": 1.0, "diameter": 0.05, "linear_density": 1.0, "axial_stiffness": 1e7},
         "gravity": [0.0, 0.0, -ROD_GRAVITY],
-        "start": {**FREE, "position": [0.0, 0.0, 0.025]},
+        "start": FREE | {"position": [0.0, 0.0, 0.025]},
         "end": {"position": [1.0, 0.0, 0.025]},
         "obstacles": {"names": ["table"], "table": {"friction": ROD_FRICTION}},
         "terms": {"out_of_plane": "off"},
@@ -159,7 +159,7 @@ HEIGHTS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.6)  # [m]
 ROPE: Values = {
     "cable": {"length": 1.0, "diameter": 0.006},
     "start": FREE,
-    "contact": {"friction": 0.5, "self": "on"},
+    "contact": {"friction": 0.5, "self_contact": "on"},
     "obstacles": {"names": ["table"]},
 }
 
@@ -215,7 +215,7 @@ def plug(modulus: float, points: int) -> Answers:
         },
         step=1e-3,
     )
-    sim.set_motion("start", motion(1.5, np.zeros(3), [(pushed + gap) / 1.5, 0.0, 0.0]))
+    sim.move("start", 1.5, [(pushed + gap) / 1.5, 0.0, 0.0])
     sim.run(3.0)
     exact = sim.scene.cable.EA * pushed / length
     pressed = -float(sim.contact("face").force[0])
@@ -264,7 +264,7 @@ def lifted(clamped: bool, points: int) -> Answers:
     if clamped:
         held |= {"end.fixed": [True] * 3, "end.clamped": True}
     sim = simulator(LYING, LIFTED, held, step=1e-3)
-    sim.set_motion("end", motion(0.5, [0.6, 0.0, 0.0025], [0.0, 0.0, LIFT / 0.5]))
+    sim.move("end", 0.5, [0.0, 0.0, LIFT / 0.5])
     sim.run(6.0)
     length = ((72.0 if clamped else 24.0) * EI * LIFT / WEIGHT) ** 0.25
     u = np.linspace(sim.contact("table").u.max(), 0.6, 20_001)
@@ -283,33 +283,16 @@ def lifted(clamped: bool, points: int) -> Answers:
     return answered(sim, *answers)
 
 
-def wound(wrap: float) -> tuple[float, Callable[[float], tuple[float, float, float]]]:
-    """Length of a cable over the top of the drum, with straight ends along the tangents, and its
-    place by material coordinate.
-    """
-    bend, half = DRUM + THICK, 0.5 * wrap
-    length = wrap * bend + 2.0 * TAIL
-    cosine, sine = math.cos(half), math.sin(half)
-
-    def place(u: float) -> tuple[float, float, float]:
-        beyond = max(TAIL - u, 0.0), max(u - length + TAIL, 0.0)
-        angle = min(max((u - TAIL) / bend, 0.0), wrap) - half
-        x = bend * math.sin(angle) + (beyond[1] - beyond[0]) * cosine
-        return x, 0.0, bend * math.cos(angle) - (beyond[0] + beyond[1]) * sine
-
-    return length, place
-
-
-def cord(length: float, **ends: object) -> Values:
-    """A flexible weightless or heavy cable, held or not, in its plane."""
-    cable = {"length": length, "diameter": 2.0 * THICK, "linear_density": 0.05}
-    cable |= {"axial_stiffness": 500.0, "bending_stiffness": 1e-6}
-    return {
-        "cable": cable,
-        "initial": {"shape": "straight"},
-        "terms": {"out_of_plane": "off"},
-        **ends,
-    }
+# A flexible cable in its plane.
+CORD: Values = {
+    "cable": {"diameter": 2.0 * THICK, "linear_density": 0.05, "axial_stiffness": 500.0},
+    "cable.bending_stiffness": 1e-6,
+    "start": FREE,
+    "end": FREE,
+    "initial": {"shape": "straight"},
+    "terms": {"out_of_plane": "off"},
+    "discretization": {"knots": "uniform"},
+}
 
 
 def capstan(wrap: float, points: int, drum: Values | None = None) -> Answers:
@@ -317,30 +300,28 @@ def capstan(wrap: float, points: int, drum: Values | None = None) -> Answers:
 
     `drum`: what else than a cylinder it is, of diameter 0.1 m about the y axis.
     """
-    length, place = wound(wrap)
+    angle = np.linspace(-0.5 * wrap, 0.5 * wrap, 4000)
+    round_it = np.stack((np.sin(angle), 0.0 * angle, np.cos(angle)), axis=1)
+    length, place = laid_along(with_tails((DRUM + THICK) * round_it, TAIL), points)
     cosine, sine = math.cos(0.5 * wrap), math.sin(0.5 * wrap)
     cylinder = {"shape": "cylinder", "size": [2.0 * DRUM, 2.0 * DRUM, 0.2], "orientation": ALONG_Y}
-    sim = simulator(
+    sim = along(
+        place,
+        length,
+        1e-3,
+        CORD,
         WEIGHTLESS,
-        cord(
-            length,
-            start={"position": list(place(0.0))},
-            end={**FREE, "position": list(place(length))},
-        ),
         {
+            "start.fixed": [True] * 3,
             "loads.names": ["weight"],
             "loads.weight": {"signal": "constant", "force": [cosine, 0.0, -sine]},
             "obstacles.names": ["drum"],
             "obstacles.drum": {**cylinder, "friction": DRUM_FRICTION},
             "contact.stiffness": STIFF,
-            "discretization.control_points": points,
         },
         drum or {},
-        step=1e-3,
     )
-    bend(sim, place)
-    first = sim.control_points[0, :3]
-    sim.set_motion("start", motion(4.0, first, -0.02 * np.array([cosine, 0.0, sine])))
+    sim.move("start", 4.0, -0.02 * np.array([cosine, 0.0, sine]))
     sim.run(1.8)
     pull = mean(sim, 40, 0.03, lambda: float(np.linalg.norm(sim.reaction("start")[0])))
     return answered(sim, Answer("pull [N]", math.exp(DRUM_FRICTION * wrap), pull, 0.01))
@@ -351,20 +332,10 @@ def conveyor(step: float) -> Answers:
     soft: Values = {"cable.bending_stiffness": 1e-4, "discretization.control_points": 40}
     rough: Values = {"start.fixed": [True] * 3, "obstacles.table.friction": BELT_FRICTION}
     sim = simulator(LYING, {"end": FREE}, soft, rough, step=step)
-    sim.move_obstacle("table", motion(10.0, np.zeros(3), [0.2, 0.0, 0.0]))
+    sim.move("table", 10.0, [0.2, 0.0, 0.0])
     sim.run(1.0)
     pull = mean(sim, 100, 0.01, lambda: -sim.reaction("start")[0][0])
     return answered(sim, Answer("force [N]", BELT_FRICTION * 0.6 * WEIGHT, pull, 0.01))
-
-
-def bend(sim: Simulator, place: Callable[[float], tuple[float, float, float]]) -> None:
-    """Start from a shape given by material coordinate."""
-    points = np.zeros((len(sim.greville), 4))
-    line = np.array([place(u) for u in sim.greville])
-    points[:, :3] = bspline.interpolate(sim.model.knots, line)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="control points: those held")
-        sim.start_from(points)
 
 
 def column(points: int) -> Answers:
@@ -380,32 +351,28 @@ def column(points: int) -> Answers:
     flat_at = 16.0 * math.pi**2 * EI / length**2
     bow = (math.pi * gap) ** 2 / (4.0 * length)  # by which it is shorter than the wall it touches
     begun = bow + 0.4 * flat_at * length / axial
-    clamp = {"fixed": [True] * 3, "clamped": True, "tangent": [1.0, 0.0, 0.0]}
-    wall = 0.5 * thick + gap
-    sim = simulator(
+    u, wall = np.linspace(0.0, length, 2000), 0.5 * thick + gap
+    height = 0.5 * gap * (1.0 - np.cos(2.0 * math.pi * u / length))
+    _, place = laid_along(np.stack((u * (1.0 - begun / length), 0.0 * u, height), axis=1), points)
+    sim = along(
+        place,
+        length,
+        1e-3,
+        CORD,
         WEIGHTLESS,
-        cord(length, start=clamp, end={**clamp, "position": [length - begun, 0.0, 0.0]}),
         {
+            "start": CLAMPED,
+            "end": CLAMPED,
             "cable": {"diameter": thick, "axial_stiffness": axial, "bending_stiffness": EI},
             "damping": {"mass": 20.0, "bend": 2e-3},
             "obstacles.names": ["floor", "roof"],
             "obstacles.floor.position": [0.0, 0.0, -wall],
             "obstacles.roof": {"position": [0.0, 0.0, wall], "orientation": [1.0, 0.0, 0.0, 0.0]},
             "contact.stiffness": 1e8,
-            "discretization.control_points": points,
         },
-        step=1e-3,
     )
-
-    def place(u: float) -> tuple[float, float, float]:
-        height = 0.5 * gap * (1.0 - math.cos(2.0 * math.pi * u / length))
-        return u * (1.0 - begun / length), 0.0, height
-
-    bend(sim, place)
     sim.run(0.3)
-    path = EndMotion.resting([length - begun, 0.0, 0.0], start=sim.time)
-    way = 0.3 * flat_at * length / axial
-    sim.set_motion("end", path.then(2.0, velocity=[-0.5 * way, 0.0, 0.0]))
+    sim.move("end", 2.0, [-0.15 * flat_at * length / axial, 0.0, 0.0])
     shares = np.linspace(0.3, 0.98, 1001)
     y = 2.0 * math.pi * np.sqrt(shares)
     law = 1.0 - np.cos(y) - (y - np.sin(y)) / np.tan(0.5 * y)
@@ -438,37 +405,29 @@ def pegs(points: int) -> Answers:
     least = int(np.argmin(lengths))
     shortest, a, phi = (float(one[least]) for one in (lengths, sags, slopes))
 
-    def over(middle: float, u: float) -> tuple[float, float, float]:
-        """Place at u of a chain with this middle."""
-        side, s = math.copysign(1.0, u - middle), abs(u - middle)
-        inside = a * math.tan(phi)
-        over_peg = inside + rho * (phi + 0.5 * math.pi)
-        if s < inside:
-            height = math.hypot(a, s) + rho * math.cos(phi) - a / math.cos(phi)
-            return side * a * math.asinh(s / a), 0.0, height
-        if s < over_peg:
-            slope = phi - (s - inside) / rho
-            return side * (half - rho * math.sin(slope)), 0.0, rho * math.cos(slope)
-        return side * (half + rho), 0.0, over_peg - s
-
+    # The chain from its middle to where it hangs from the right peg, without its tail.
+    s, slope = np.linspace(0.0, a * math.tan(phi), 999), np.linspace(phi, -0.5 * math.pi, 4000)[1:]
+    x = np.append(a * np.arcsinh(s / a), half - rho * np.sin(slope))
+    top = rho * math.cos(phi) - a / math.cos(phi)
+    z = np.append(np.hypot(a, s) + top, rho * np.cos(slope))
+    right = np.stack((x, 0.0 * x, z), axis=1)
+    over = np.vstack((right[:0:-1] * [-1.0, 1.0, 1.0], right))
+    inside = 2.0 * (a * math.tan(phi) + rho * (phi + 0.5 * math.pi))
     peg = {"shape": "cylinder", "size": [2.0 * radius, 2.0 * radius, 0.2], "orientation": ALONG_Y}
     chain: Values = {
         "damping": {"mass": 1.0, "bend": 1e-2},
-        "start": {**FREE, "position": [-half - rho, 0.0, -0.3]},
-        "end": {"position": [half + rho, 0.0, -0.3]},
         "obstacles": {
             "names": ["left", "right"],
             "left": {**peg, "position": [-half, 0.0, 0.0]},
             "right": {**peg, "position": [half, 0.0, 0.0]},
         },
         "contact": {"stiffness": 1e5},
-        "discretization": {"control_points": points, "knots": "uniform"},
     }
     low, high, sims = 0.98 * shortest, 1.02 * shortest, []
     while high - low > 2.5e-3 * shortest:
         length = 0.5 * (low + high)
-        sim = simulator(cord(length), chain, step=2e-3)
-        bend(sim, partial(over, 0.5 * length))
+        _, place = laid_along(with_tails(over, 0.5 * (length - inside)), points)
+        sim = along(place, length, 2e-3, CORD, chain)
         sim.run(3.0)
         runs_off = sim.centerline([0.5 * length])[0, 2] < -2.0 * half
         low, high = (length, high) if runs_off else (low, length)

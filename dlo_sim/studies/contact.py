@@ -10,62 +10,46 @@ import math
 from collections.abc import Callable
 from functools import partial
 
-from dlo_sim.studies import Outcome, Request
-from dlo_sim.studies.bodies import (
-    YAW,
-    bounce,
-    capstan,
-    column,
-    conveyor,
-    drop,
-    lifted,
-    pegs,
-    plug,
-    rest,
-    sliding,
-    slope,
-    sticking,
-)
+from dlo_sim.studies import Outcome, Request, bodies, strands
 from dlo_sim.studies.known_answers import Answer, Answers
 from dlo_sim.studies.report import Report
-from dlo_sim.studies.strands import LOOPS, knot, linked, plectoneme
 from dlo_sim.studies.throws import throws
 
 # A test as a function of its resolution, and resolutions: of every study, and of a full one.
 Test = tuple[Callable[..., Answers], tuple[float, ...], tuple[float, ...]]
 PANELS: dict[str, dict[str, Test]] = {  # panel of the figure -> name -> test
     "at rest, pushed, and landing": {
-        "rest on a table, yaw 0": (partial(rest, 0.0), (1e-2,), (5e-3,)),
-        "rest on a table, yaw 10 degrees": (partial(rest, YAW), (1e-2,), (5e-3,)),
-        "bounce": (bounce, (1e-2, 1e-3), (1e-4,)),
-        "drop": (drop, (1e-2, 2.5e-3), (1e-3,)),
-        "plug, 1 MPa": (partial(plug, 1e6), (9,), (17,)),
-        "plug, 10 MPa": (partial(plug, 1e7), (9,), (17,)),
-        "plug, 1 GPa": (partial(plug, 1e9), (9,), (17,)),
+        "rest on a table, yaw 0": (partial(bodies.rest, 0.0), (1e-2,), (5e-3,)),
+        "rest on a table, yaw 10 degrees": (partial(bodies.rest, bodies.YAW), (1e-2,), (5e-3,)),
+        "bounce": (bodies.bounce, (1e-2, 1e-3), (1e-4,)),
+        "drop": (bodies.drop, (1e-2, 2.5e-3), (1e-3,)),
+        "plug, 1 MPa": (partial(bodies.plug, 1e6), (9,), (17,)),
+        "plug, 10 MPa": (partial(bodies.plug, 1e7), (9,), (17,)),
+        "plug, 1 GPa": (partial(bodies.plug, 1e9), (9,), (17,)),
     },
     "lifted ends": {
-        "lifted end, held": (partial(lifted, True), (20, 40), (80,)),
-        "lifted end, pinned": (partial(lifted, False), (20, 40), (80,)),
+        "lifted end, held": (partial(bodies.lifted, True), (20, 40), (80,)),
+        "lifted end, pinned": (partial(bodies.lifted, False), (20, 40), (80,)),
     },
     "friction": {
-        "sliding rod, 3.8 N": (partial(sticking, 3.8), (5e-4,), (2.5e-4,)),
-        "sliding rod, 5 N": (partial(sliding, 5.0), (1e-2, 5e-3), (1e-3,)),
-        "sliding rod, 8 N": (partial(sliding, 8.0), (1e-2, 5e-3), (1e-3,)),
-        "sliding rod, 10 N": (partial(sliding, 10.0), (1e-2, 5e-3), (1e-3,)),
-        "slope": (slope, (5e-3,), (2e-3,)),
-        "conveyor": (conveyor, (5e-3, 1e-3), ()),
+        "sliding rod, 3.8 N": (partial(bodies.sticking, 3.8), (5e-4,), (2.5e-4,)),
+        "sliding rod, 5 N": (partial(bodies.sliding, 5.0), (1e-2, 5e-3), (1e-3,)),
+        "sliding rod, 8 N": (partial(bodies.sliding, 8.0), (1e-2, 5e-3), (1e-3,)),
+        "sliding rod, 10 N": (partial(bodies.sliding, 10.0), (1e-2, 5e-3), (1e-3,)),
+        "slope": (bodies.slope, (5e-3,), (2e-3,)),
+        "conveyor": (bodies.conveyor, (5e-3, 1e-3), ()),
     },
     "drums, pegs and walls": {
-        "capstan, pi/2": (partial(capstan, 0.5 * math.pi), (23, 43), (83,)),
-        "capstan, pi": (partial(capstan, math.pi), (43, 83), (123,)),
-        "capstan, 2 pi": (partial(capstan, 2.0 * math.pi), (83,), (166,)),
-        "chain over pegs": (pegs, (60, 100), ()),
-        "column between walls": (column, (43,), (83,)),
+        "capstan, pi/2": (partial(bodies.capstan, 0.5 * math.pi), (23, 43), (83,)),
+        "capstan, pi": (partial(bodies.capstan, math.pi), (43, 83), (123,)),
+        "capstan, 2 pi": (partial(bodies.capstan, 2.0 * math.pi), (83,), (166,)),
+        "chain over pegs": (bodies.pegs, (60, 100), ()),
+        "column between walls": (bodies.column, (43,), (83,)),
     },
     "the cable and itself": {
-        "loose overhand knot": (knot, (140,), (200,)),
-        "linked loops": (linked, (70,), (100,)),
-        "plectoneme": (plectoneme, (40,), (60,)),
+        "loose overhand knot": (strands.knot, (140,), (200,)),
+        "linked loops": (strands.linked, (70,), (100,)),
+        "plectoneme": (strands.plectoneme, (40,), (60,)),
     },
     "throws": {"random throws at 20 m/s": (throws, (60,), (1000,))},
 }
@@ -117,7 +101,9 @@ def run_study(request: Request) -> Outcome:
         the ends ripples about it. Factor and exponent of the loose limit are those of square
         polynomials in (D / e)^(1/2) at 0."""
     )
-    report.table("knots", LOOPS, loops, "Overhand knots: means of the pull between two loops")
+    report.table(
+        "knots", strands.LOOPS, loops, "Overhand knots: means of the pull between two loops"
+    )
     return report.outcome(verdicts)
 
 

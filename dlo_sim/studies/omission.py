@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene import description, terms
 from dlo_sim.scene.description import Scene
@@ -120,7 +119,7 @@ TERMS = {
     "frenet": Term(FRENET, UNTWISTED, "terms.twist is not frenet", ("twist", "quasistatic")),
     "quasistatic": Term(QUASISTATIC, BISHOP, "terms.twist is not quasistatic"),
     "contact": Term(GROUND, UNTOUCHED, along=("friction",)),
-    "self_contact": Term({"contact.self": "on"}, {"contact.self": "off"}),
+    "self_contact": Term({"contact.self_contact": "on"}, {"contact.self_contact": "off"}),
     "friction": Term({"contact.friction": 0.3}, _smooth),
     "plasticity": Term(YIELDING, {"terms.plasticity": "off"}),
     "gravity": Term({"terms.gravity": "on"}, {"terms.gravity": "off"}),
@@ -147,9 +146,6 @@ COMMON: tuple[Values, ...] = (
     SPACE,
     QUASISTATIC,
     UNTWISTED,
-    BISHOP,
-    {**SPACE, **UNTWISTED},
-    {**SPACE, **BISHOP},
     {**UNTWISTED, "end.clamped": False},
     {"initial.shape": "straight"},
     GROUND,
@@ -252,15 +248,11 @@ def job(scene: Scene, duration: float, still: bool = False) -> Job:
     if scene.start.driven and scene.start.held and not still:
         axis = np.asarray(scene.start.tangent, dtype=float)
         axis /= max(float(np.linalg.norm(axis)), 1e-300)
-        motion = EndMotion(
-            start=0.0,
-            duration=MOVING,
-            position=scene.start.position,
-            orientation=rotations.IDENTITY,
-            acceleration=[0.0, 2.0 * MOVED / MOVING**2, 0.0],
-            angular_acceleration=2.0 * TURNED / MOVING**2 * axis,
-        )
-        motions.append(("start", motion))
+        rate = 2.0 / MOVING**2
+        way, turn = [0.0, rate * MOVED, 0.0], rate * TURNED * axis
+        rests = EndMotion.resting(scene.start.position)
+        moves = rests.then(MOVING, acceleration=way, angular_acceleration=turn)
+        motions.append(("start", moves))
     return Job(scene, duration, tuple(np.linspace(0.0, 1.0, 21)), 2e-3, tuple(motions))
 
 

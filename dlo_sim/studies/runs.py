@@ -10,23 +10,17 @@ from functools import partial
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.batch.workers import Workers
+from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.recording import Recording, record
 from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
 Case = TypeVar("Case", bound=tuple[Hashable, ...])
 Result = TypeVar("Result")
-
-
-def shipped(name: str, **values: object) -> Scene:
-    """A shipped scene with values changed; their dots as `__`: `cable__length=2.0`."""
-    dotted = {key.replace("__", "."): value for key, value in values.items()}
-    return load_scene(shipped_scene(name), dotted)
 
 
 def at_method(scene: Scene, method: str, step: float = 0.0) -> Scene:
@@ -81,6 +75,13 @@ class Timed(Simulator):
         self.seconds += time.process_time() - began
         if not report.status.ok:
             raise RuntimeError(f"a run of the study failed: {report.message}")
+
+    def move(
+        self, name: str, duration: float, velocity: ArrayLike, turning: ArrayLike = (0.0,) * 3
+    ) -> None:
+        """Let an end or an obstacle move from now on, with these velocities [m/s], [rad/s]."""
+        rests = EndMotion.resting(*self.end_pose(name), self.time)
+        self.set_motion(name, rests.then(duration, velocity=velocity, angular_velocity=turning))
 
 
 def distance(one: Recording, other: Recording) -> Array:

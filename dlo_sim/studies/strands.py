@@ -7,54 +7,34 @@ import math
 import numpy as np
 
 from dlo_sim.core import bspline
-from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.scene.loading import flat_keys
 from dlo_sim.studies.known_answers import (
+    CLAMPED,
     Answer,
     Answers,
     Array,
     Values,
+    along,
     answered,
-    flat,
-    motion,
+    laid_along,
     simulator,
+    with_tails,
 )
 from dlo_sim.studies.runs import Timed
-
-
-def laid_along(path: Array, points: int) -> tuple[float, Array]:
-    """Length of a path of dense points (m, 3), and control points of a cable along it."""
-    s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
-    u = np.linspace(0.0, s[-1], 20 * points)
-    basis = bspline.evaluate(np.eye(points), bspline.clamped_knots(points, s[-1]), u)
-    dense = np.stack([np.interp(u, s, path[:, axis]) for axis in range(3)], axis=1)
-    return float(s[-1]), np.asarray(np.linalg.lstsq(basis, dense, rcond=None)[0])
-
 
 LEG, BOW = 0.15, 0.03  # length of the legs of a loop, and its radius [m]
 
 
-CLAMPED = {"fixed": [True] * 3, "clamped": True, "tangent": [1.0, 0.0, 0.0]}
-STRANDS: Values = flat(
-    {  # held at both ends, and touch each other
-        "cable": {"linear_density": 0.05, "bending_stiffness": 1e-3},
-        "damping": {"air_drag": 0.3, "bend": 5e-3, "stretch": 1e-3},
-        "gravity": [0.0, 0.0, 0.0],
-        "contact": {"self": "on"},
-        "terms": {"twist": "off", "out_of_plane": "on"},
-        "start": {"fixed": [True] * 3},
-        "end": {"fixed": [True] * 3},
-        "discretization": {"knots": "uniform"},
-    }
-)
-
-
-def along(place: Array, length: float, step: float, *values: Values) -> Timed:
-    """A cable with these control points (n, 3) and this length [m], straight without strain."""
-    ends: Values = {"start.position": place[0].tolist(), "end.position": place[-1].tolist()}
-    size: Values = {"cable.length": length, "discretization.control_points": len(place)}
-    sim = simulator(STRANDS, size, ends, *values, step=step)
-    sim.start_from(np.hstack([place, np.zeros((len(place), 1))]))
-    return sim
+STRANDS: Values = {  # held at both ends, and touch each other
+    "cable": {"linear_density": 0.05, "bending_stiffness": 1e-3},
+    "damping": {"air_drag": 0.3, "bend": 5e-3, "stretch": 1e-3},
+    "gravity": [0.0, 0.0, 0.0],
+    "contact": {"self_contact": "on"},
+    "terms": {"twist": "off", "out_of_plane": "on"},
+    "start": {"fixed": [True] * 3},
+    "end": {"fixed": [True] * 3},
+    "discretization": {"knots": "uniform"},
+}
 
 
 def linked(points: int) -> Answers:
@@ -86,11 +66,11 @@ def linked(points: int) -> Answers:
     grasps: Values = {"grasps.names": list(held)}
     for name, u in held.items():
         there = bspline.evaluate(place, knots, [u])[0].tolist()
-        grasps |= flat({"grasps": {name: {"at": u / length, "position": there}}})
+        grasps |= flat_keys({"grasps": {name: {"at": u / length, "position": there}}})
     cable: Values = {"cable.diameter": 0.005, "cable.axial_stiffness": 500.0, "damping.bend": 2e-3}
-    sim = along(place, length, 2e-3, grasps, cable)
+    sim = along(place, length, 2e-3, STRANDS, grasps, cable)
     for name in ("far", "end"):
-        sim.set_motion(name, motion(0.6, sim.end_pose(name)[0], [0.1, 0.0, 0.0]))
+        sim.move(name, 0.6, [0.1, 0.0, 0.0])
     sim.run(2.0)
     found = sim.contacts["itself"]
     force = np.linalg.norm(found.forces[found.u < leg].sum(axis=0))
@@ -157,19 +137,10 @@ def tightened(points: int, diameter: float) -> tuple[Array, Timed]:
     t = np.linspace(-2.05, 2.05, 4000)
     x, y = 0.05 * (t**3 - 3.0 * t), 0.04 * (t**4 - 4.0 * t**2)
     loop = np.stack((x, y, 0.003 * (t**5 - 10.0 * t)), axis=1)
-    tail = 0.25 * np.linspace(0.0, 1.0, 200)[:, None]
-    before, after = loop[0] - loop[1], loop[-1] - loop[-2]
-    path = np.vstack(
-        (
-            loop[0] + tail[:0:-1] * before / np.linalg.norm(before),
-            loop,
-            loop[-1] + tail[1:] * after / np.linalg.norm(after),
-        )
-    )
-    length, place = laid_along(path, points)
+    length, place = laid_along(with_tails(loop, 0.25), points)
     axial = 2e3
     cable: Values = {"cable.diameter": diameter, "cable.axial_stiffness": axial}
-    sim = along(place, length, 4e-3, cable, {"damping.air_drag": 0.5})
+    sim = along(place, length, 4e-3, STRANDS, cable, {"damping.air_drag": 0.5})
     chord = place[-1] - place[0]
     way_out, apart = chord / np.linalg.norm(chord), float(np.linalg.norm(chord))
     loops = []
@@ -177,8 +148,7 @@ def tightened(points: int, diameter: float) -> tuple[Array, Timed]:
         way = length - wanted - apart
         moving = way / 0.3
         for name, sign in (("start", -0.5), ("end", 0.5)):
-            place_now = sim.end_pose(name)[0]
-            sim.set_motion(name, motion(moving, place_now, sign * 0.3 * way_out, sim.time))
+            sim.move(name, moving, sign * 0.3 * way_out)
         sim.run(moving + 5.0)
         apart += way
         pull, energy = abs(float(sim.reaction("end")[0] @ way_out)), sim.energy()
@@ -217,16 +187,8 @@ def plectoneme(points: int) -> Answers:
         step=2e-3,
     )
     for duration, way, turned in ((1.0, 0.0, TURNS), (1.5, -0.2, 0), (2.0, 0.0, 0)):
-        position, orientation = sim.end_pose("end")
-        moving = EndMotion(
-            start=sim.time,
-            duration=duration,
-            position=position,
-            orientation=orientation,
-            velocity=[way / duration, 0.0, 0.0],
-            angular_velocity=[2.0 * math.pi * turned / duration, 0.0, 0.0],
-        )
-        sim.set_motion("end", moving)
+        turning = [2.0 * math.pi * turned / duration, 0.0, 0.0]
+        sim.move("end", duration, [way / duration, 0.0, 0.0], turning)
         sim.run(duration)
     line = sim.centerline(np.linspace(0.0, COILED, 8 * points + 1))
     far = np.array([[40.0 * COILED, 0.0, 0.0]])

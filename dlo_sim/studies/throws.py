@@ -17,9 +17,9 @@ import numpy as np
 from dlo_sim.core import mass, rotations
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.known_answers import Answer, Answers, Array, Values, flat, simulator
+from dlo_sim.studies.known_answers import Answer, Answers, Array, Values, along, laid_along
 from dlo_sim.studies.runs import Timed
-from dlo_sim.studies.strands import laid_along, writhe
+from dlo_sim.studies.strands import writhe
 
 KINDS = ("box", "sphere", "edge", "itself")
 # What smooth contact keeps of the momentum, and what of it may be open. Where a step passes from a
@@ -42,16 +42,14 @@ MIDDLE = 0.6  # share of a body that needles cross
 HIT = 1e-6  # share of the momentum that a body changes
 JUMP = 1.0  # change of the writhe between two looks, far less than that unless strands pass
 FREE = {"fixed": [False] * 3}
-THROWN: Values = flat(
-    {
-        "cable": {"diameter": THICK, "density": 1200.0, "youngs_modulus": 1e8},
-        "start": FREE,
-        "end": FREE,
-        "gravity": [0.0, 0.0, 0.0],
-        "terms": {"twist": "off", "out_of_plane": "on"},
-        "discretization": {"control_points": POINTS, "knots": "uniform"},
-    }
-)
+THROWN: Values = {
+    "cable": {"diameter": THICK, "density": 1200.0, "youngs_modulus": 1e8},
+    "start": FREE,
+    "end": FREE,
+    "gravity": [0.0, 0.0, 0.0],
+    "terms": {"twist": "off", "out_of_plane": "on"},
+    "discretization": {"knots": "uniform"},
+}
 
 
 class Throw(NamedTuple):
@@ -169,8 +167,8 @@ def at_body(kind: str, rng: np.random.Generator, step: float, settings: Values) 
         "orientation": turn.tolist(),
     }
     velocities = np.tile([*rng.normal(0.0, 0.2, 2), -SPEED], (POINTS, 1))
-    touched = flat({"obstacles": {"names": ["body"], "body": body}}) | settings
-    return flying(length, points, velocities, step, touched)
+    touched: Values = {"obstacles": {"names": ["body"], "body": body}}
+    return along(points, length, step, THROWN, touched, settings, velocities=velocities)
 
 
 def at_itself(rng: np.random.Generator, step: float, settings: Values) -> Timed:
@@ -193,16 +191,8 @@ def at_itself(rng: np.random.Generator, step: float, settings: Values) -> Timed:
     velocities = np.tile(rng.normal(0.0, 1.0, 3), (POINTS, 1))
     thrown = np.clip((-0.01 - points[:, 0]) / 0.02, 0.0, 1.0) * (points[:, 1] > 0.0)
     velocities[:, 1] -= SPEED * thrown
-    return flying(length, points, velocities, step, {"contact.self": "on"} | settings)
-
-
-def flying(length: float, points: Array, velocities: Array, step: float, values: Values) -> Timed:
-    """A cable with control points (n, 3) [m] and their velocities [m/s]."""
-    ends: Values = {"start.position": points[0].tolist(), "end.position": points[-1].tolist()}
-    sim = simulator(THROWN, ends, {"cable.length": length}, values, step=step)
-    none = np.zeros((POINTS, 1))
-    sim.start_from(np.hstack([points, none]), np.hstack([velocities, none]))
-    return sim
+    touched = {"contact.self_contact": "on"} | settings
+    return along(points, length, step, THROWN, touched, velocities=velocities)
 
 
 def momentum(sim: Simulator) -> Array:

@@ -206,7 +206,7 @@ def resting(item: tuple[Scene, Measurement]) -> Array:
     shapes: list[Array] = []
     for frame in frames:
         try:
-            simulator = Simulator(scene, _poses(recording, frame))
+            simulator = Simulator(scene, recording.ends_at(frame))
         except SceneError:  # no equilibrium found: repeat the previous one
             shapes.append(shapes[-1] if shapes else recording.markers[frame])
         else:
@@ -224,7 +224,7 @@ def spline_distance(item: tuple[Scene, Measurement]) -> float:
     u = recording.shares * scene.cable.length
     apart = []
     for frame in _frames(recording):
-        simulator = Simulator(scene, _poses(recording, frame))
+        simulator = Simulator(scene, recording.ends_at(frame))
         begin(simulator, recording, u, slice(frame, frame + 1))
         curve = bspline.evaluate(simulator.control_points[:, :3], simulator.model.knots, u)
         apart.append(np.linalg.norm(curve - recording.markers[frame], axis=1))
@@ -236,17 +236,12 @@ def _frames(recording: Measurement) -> NDArray[np.int64]:
     return np.unique(np.append(np.arange(0, last, EVERY), last))
 
 
-def _poses(recording: Measurement, frame: int) -> dict[str, tuple[Array, Array]]:
-    return {end: (path[frame, :3], path[frame, 3:]) for end, path in recording.poses.items()}
-
-
 def corrected(item: tuple[Scene, Measurement]) -> Array:
     """Markers [m] predicted with correction, (F, M, 3): markers are seen at random and without
     identity. After a failed step the last valid state is repeated.
     """
     scene, recording = item
-    poses = {end: (path[0, :3], path[0, 3:]) for end, path in recording.poses.items()}
-    simulator = Simulator(scene, poses)
+    simulator = Simulator(scene, recording.ends_at(0))
     u = recording.shares * scene.cable.length
     begin(simulator, recording, u, slice(START_FRAMES))
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)

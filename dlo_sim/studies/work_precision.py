@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dlo_sim.batch.workers import Workers
-from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene
@@ -91,14 +90,8 @@ def soft_cable() -> Case:
 def closing() -> tuple[tuple[str, EndMotion], ...]:
     """Motion of the soft cable's gripper: it speeds up and slows down, at rest before and after."""
     half = 0.5 * CLOSING
-    pull = (CLOSED / half**2, 0.0, 0.0)  # [m/s^2]
-    first = EndMotion(
-        start=0.0,
-        duration=half,
-        position=(1.0, 0.0, 0.0),
-        orientation=rotations.IDENTITY,
-        acceleration=-np.array(pull),
-    )
+    pull = np.array([CLOSED / half**2, 0.0, 0.0])  # [m/s^2]
+    first = EndMotion.resting((1.0, 0.0, 0.0)).then(half, acceleration=-pull)
     return ("end", first), ("end", first.then(half, acceleration=pull))
 
 

@@ -15,7 +15,7 @@ from dlo_sim.tuning.trial import Job, Trial, attempt, farthest
 
 Array = NDArray[np.float64]
 RESOLUTIONS = (13, 17, 21, 25, 33, 41, 57, 81)
-METHODS = ("velocity_verlet", "energy_momentum")  # the second where the first will not do
+METHODS = ("energy_momentum", "velocity_verlet")  # the second where the first will not do
 IMPLICIT_STEPS = tuple(1e-3 / 2.0**k for k in range(7))  # [s]
 SHARE = 0.25  # of the tolerance, that space and time may each be off
 
@@ -66,35 +66,28 @@ def converged(
 def _method_and_step(job: Job, wanted: float) -> tuple[Setting, float]:
     """A method and a step whose halving changes the motion by less than wanted [m], and that
     change."""
-    explicit, implicit = (
+    implicit, explicit = (
         Setting(method, RESOLUTIONS[1], stretch=_stretch(job.scene, method)) for method in METHODS
     )
-    there = replace(job, duration=0.0)
-    if attempt(there, explicit, timed=False).ok:
+    if attempt(replace(job, duration=0.0), implicit, timed=False).ok:
+        last, change = _halved(job, implicit, IMPLICIT_STEPS, wanted)
+        setting = last.setting
+    else:  # Frenet torsion
         own = Simulator(explicit.applied(job.scene)).step
         last, change = _halved(job, explicit, (own, 0.5 * own), wanted)
-        if change <= wanted:
-            return explicit, change  # finer resolutions need, and take, smaller steps of their own
-        if not attempt(there, implicit, timed=False).ok:  # Frenet torsion
-            raise _not_in_time(last, wanted)
-    last, change = _halved(job, implicit, IMPLICIT_STEPS, wanted)
+        setting = explicit  # finer resolutions need, and take, smaller steps of their own
     if change <= wanted:
-        return last.setting, change
-    raise _not_in_time(last, wanted)
+        return setting, change
+    _checked(last)
+    raise NoReference(
+        f"the motion does not converge to {wanted:.2g} m in time, not even at a step of "
+        f"{last.setting.step:.2g} s; raise --tolerance or shorten --duration"
+    )
 
 
 def _stretch(scene: Scene, method: str) -> str:
     """By span where it can be: thin cables converge sooner."""
     return "span" if len(ways_to_resolve(scene, method)) > 1 else "sample"
-
-
-def _not_in_time(last: Trial, wanted: float) -> NoReference:
-    """Why the smallest step tried is not enough."""
-    _checked(last)
-    return NoReference(
-        f"the motion does not converge to {wanted:.2g} m in time, not even at a step of "
-        f"{last.setting.step:.2g} s; raise --tolerance or shorten --duration"
-    )
 
 
 def _halved(

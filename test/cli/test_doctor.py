@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from dlo_sim.cli import doctor
 from dlo_sim.cli.main import main
+from dlo_sim.doctor import findings
 from dlo_sim.doctor.findings import note, ok, problem
 from dlo_sim.scene.loading import scene_from_values
 
@@ -17,7 +17,7 @@ from dlo_sim.scene.loading import scene_from_values
     [([ok("fine")], 0), ([ok("fine"), note("odd", "look")], 0), ([problem("bad", "mend")], 3)],
 )
 def test_status_says_whether_there_is_a_problem(monkeypatch, capsys, found, status):
-    monkeypatch.setattr(doctor, "_findings", lambda scene, seconds: iter(found))
+    monkeypatch.setattr(findings, "examined", lambda scene, seconds, tell: iter(found))
     assert main(["doctor"]) == status
     shown = capsys.readouterr().out
     for level, what, cure in found:
@@ -35,8 +35,8 @@ def test_a_scene_that_asks_for_tf2_where_there_is_none(monkeypatch):
 
     def levels(values):
         session = SimpleNamespace(scene=scene_from_values(values))
-        findings = list(doctor._of_ros(session, 0.1))
-        return {finding.level: finding.cure for finding in findings}
+        found = list(findings.of_ros(session, 0.1))
+        return {finding.level: finding.cure for finding in found}
 
     found = levels({"start.tf_frame": "tool0"})
     assert found["problem"].startswith("start.tf_frame: needs tf2, which cannot be imported")

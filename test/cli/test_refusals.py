@@ -55,7 +55,7 @@ REFUSED = {  # command line -> what its line says
     "view no.npz": "no.npz: cannot be read",
     "view run.npz --output look.avi": "end it with .html, .gif, .mp4 or .png",
     "view run.npz --output no/look.html": "does not exist; create it first",
-    "view run.npz --set cable.length=2": "give it with --params",
+    "view run.npz --set cable.length=2": "give --params SCENE, too",
     "view run.npz --params two_gripers": "did you mean two_grippers?",
     "view .": "bag",
     f"{TUNE} --tolerance 0": "above zero",

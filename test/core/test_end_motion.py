@@ -125,24 +125,3 @@ def test_cannot_be_changed_behind_its_back():
         motion.duration = 2.0
     later = dataclasses.replace(motion, start=4.0, velocity=[1.0, 0.0, 0.0])
     assert (later.start, later.position_at(5.0).tolist()) == (4.0, [1.0, 0.0, 0.0])
-
-
-@pytest.mark.parametrize("now", [0.5, 1.3, 3.5])
-def test_the_rest_of_a_motion_is_at_the_same_places_and_ends_alike(now):
-    motion = EndMotion(
-        start=0.5,
-        duration=2.0,
-        position=[1.0, 2.0, 3.0],
-        orientation=[0, 0, 0.6, 0.8],
-        velocity=[0.1, -0.2, 0.3],
-        acceleration=[1.0, 0.8, -1.2],
-        angular_velocity=[0.3, -0.2, 0.5],
-        angular_acceleration=[0.8, 0.2, -0.6],
-    )
-    rest = motion.rest(now)
-    assert rest.end == pytest.approx(max(motion.end - now, 0.0))
-    for s in (0.0, 0.4, 1.1, 5.0):
-        np.testing.assert_allclose(rest.position_at(s), motion.position_at(now + s), atol=1e-12)
-    for s in (0.0, 5.0):
-        found, expected = rest.orientation_at(s), motion.orientation_at(now + s)
-        assert abs(found @ expected) == pytest.approx(1.0, abs=1e-12)

@@ -201,10 +201,14 @@ def test_unquoted_on_and_off_of_yaml_1_1_mean_themselves(term):
         ("discretization.mass", "selective", "selective is ignored", {}),
         ("terms.twist", "on", "on means quasistatic", {"terms.twist": "quasistatic"}),
         ("terms.twist", True, "on means quasistatic", {"terms.twist": "quasistatic"}),
+        ("contact.self", "on", "on is now contact.self_contact", {"contact.self_contact": "on"}),
+        ("contact.self", False, "off is now contact", {"contact.self_contact": "off"}),
     ],
 )
 def test_what_scenes_once_had_is_read_with_one_line(key, value, said, changed):
     with pytest.warns(UserWarning) as caught:
         scene = scene_from_values({key: value})
     assert [str(one.message)[: len(key) + 2 + len(said)] for one in caught] == [f"{key}: {said}"]
-    assert scene == scene_from_values(changed)
+    with pytest.warns(UserWarning):
+        later = scene_from_values({}).with_values({key: value})
+    assert scene == later == scene_from_values(changed)

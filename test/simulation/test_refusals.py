@@ -70,7 +70,7 @@ SCENES = [
     (MESHED, {f"{BODY}.mesh": "triangles:99999"}, "these triangles are of another process"),
     (COILED, {"end.fixed": [True] * 3, "end.position": [0.001, 0.0, 0.0]}, "begins 0.004 m inside"),
     *(
-        (COILED, APART | {METHOD: name}, f"{name} is not valid with contact.self on")
+        (COILED, APART | {METHOD: name}, f"{name} is not valid with contact.self_contact on")
         for name in ("velocity_verlet", "energy_momentum_4")
     ),
     (GRASPED, {"grasps.names": ["start"]}, "grasps.names: 'start' is not a name"),

@@ -147,7 +147,7 @@ def test_what_grippers_can_pull_taut_bounds_the_spans():
     loose |= {"loads.pull.force": [0.0, 0.0, 0.0]}
     held = loose | {"end.fixed": [True] * 3}
     ring = {"obstacles.peg.shape": "ring", "obstacles.peg.size": [0.02, 0.004, 0.0]}
-    itself = {"contact.self": "on"}
+    itself = {"contact.self_contact": "on"}
     assert number_of(drawn_round(0.002, **held)) == 19
     scene, why = resolved(drawn_round(0.002, **held | ring))
     assert scene.discretization.control_points == 48 + 3

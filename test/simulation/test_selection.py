@@ -75,11 +75,14 @@ def test_a_soft_cable_gets_an_implicit_method(modulus):
     assert sim.energy_error < 1e-5
 
 
-@pytest.mark.parametrize(("seed", "status"), [(1, "DIVERGED"), (14, "UNRESOLVED"), (8, "OK")])
-def test_an_explicit_swing_is_right_or_said(seed, status):
-    """At the chosen share of the limit at rest these gain energy: 50 %, 11 % and 0.7 %."""
+@pytest.mark.parametrize(
+    ("seed", "duration", "status"),
+    [(1, 10.0, "DIVERGED"), (9, 2.05, "UNRESOLVED"), (8, 10.0, "OK")],
+)
+def test_an_explicit_swing_is_right_or_said(seed, duration, status):
+    """At the chosen share of the limit at rest these gain energy: 50 %, 4 % and 0.6 %."""
     sim = Simulator(scene_from_values(draw_swing(seed, "velocity_verlet").values))
-    report = sim.advance(10.0)
+    report = sim.advance(duration)
     assert report.status.name == status
     assert "or energy_momentum" in (report.message or sim.warnings[0])
     right = Simulator(scene_from_values(draw_swing(5, "velocity_verlet").values))

@@ -24,7 +24,7 @@ CABLE = {
     "gravity": [0.0, 0.0, 0.0],
     "terms.twist": "off",
     "terms.out_of_plane": "on",
-    "contact.self": "on",
+    "contact.self_contact": "on",
 }
 FREE = {"start.fixed": [False] * 3, "end.fixed": [False] * 3}
 HELD = {"start.fixed": [True] * 3, "end.fixed": [True] * 3}
@@ -161,7 +161,7 @@ def test_only_contact_keeps_strands_from_passing():
     sim, between = order({})
     assert between > 0.5 * DIAMETER
     assert sim.cable.account.crossed == sim.cable.account.pairs_lost == 0.0
-    sim, between = order({"contact.self": "off"})
+    sim, between = order({"contact.self_contact": "off"})
     assert between < -0.5 * DIAMETER
 
 
@@ -170,7 +170,7 @@ def test_contact_too_soft_to_hold_is_counted():
     sim = thrown({"contact.stiffness": 100.0}, DAMPED, speed=10.0, step=5e-4)
     assert sim.advance(0.006).status.ok
     assert sim.cable.account.crossed > 0.0
-    assert any("contact.self: it passed through itself in" in line for line in sim.warnings)
+    assert any("contact.self_contact: it passed through itself in" in line for line in sim.warnings)
 
 
 def test_a_knot_is_tightened():
@@ -192,8 +192,8 @@ def test_a_knot_is_tightened():
     assert found.total > pulled[-1]
     np.testing.assert_allclose(found.points, sim.centerline(found.u), atol=1e-12)
     assert shown_lines(sim) == 2 * len(found.u)
-    (line,) = (line for line in sim.warnings if "contact.self" in line)
-    assert line.startswith("contact.self: the cable bends round itself by 1.")
+    (line,) = (line for line in sim.warnings if "contact.self_contact" in line)
+    assert line.startswith("contact.self_contact: the cable bends round itself by 1.")
     assert line.endswith("raise discretization.control_points to 41")
     forecast = sim.forecast(Plan(np.array([0.0, 0.004]), {}), 0.002)  # that the motion goes on
     sim.advance(0.004)
@@ -342,7 +342,9 @@ def test_a_snapshot_continues_bit_for_bit():
 def test_what_is_far_from_itself_is_as_without():
     """The same bits, and no pair is looked at."""
     values = {"start.position": [0.0] * 3, "end.position": [0.2, 0.0, 0.0], "cable.length": 0.3}
-    sims = [simulator(CABLE, values, {"contact.self": one}, step=1e-3) for one in ("on", "off")]
+    sims = [
+        simulator(CABLE, values, {"contact.self_contact": one}, step=1e-3) for one in ("on", "off")
+    ]
     for sim in sims:
         sim.set_end("end", [0.18, 0.05, 0.0])
         sim.advance(0.2)
@@ -365,12 +367,12 @@ def test_a_gripper_that_jumps_may_fold_the_cable():
 def test_without_it_passing_through_is_counted():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        sim = thrown({"contact.self": "off"}, DAMPED, speed=1.0)
+        sim = thrown({"contact.self_contact": "off"}, DAMPED, speed=1.0)
         ahead = sim.forecast(Plan(np.array([0.0, 0.03]), {}), 0.005)
         for _ in range(6):
             sim.advance(0.005)
-    assert sim.left_out["self_contact"] == "contact.self is not on"
-    (line,) = [line for line in sim.warnings if line.startswith("contact.self: off")]
+    assert sim.left_out["self_contact"] == "contact.self_contact is not on"
+    (line,) = [line for line in sim.warnings if line.startswith("contact.self_contact: off")]
     assert "first at 0.015 s, in 1 of 3 looks, up to 0.0039 m deep" in line
     assert "in 1 of 3 looks, up to 0.0039 m deep" in ahead.warnings[-1]
 
@@ -379,7 +381,7 @@ def test_without_it_passing_through_is_counted():
 def test_a_loop_that_crosses_itself_is_seen_with_one_span(points, found):
     """A loop of one span turns by 360 degrees, though its first and last edges are parallel."""
     values = {"end.position": [0.05, 0.0, 0.0], "start.position": [0.0] * 3, "cable.length": 0.4}
-    sim = simulator(CABLE, FREE, values, {"contact.self": "off"}, n=points)
+    sim = simulator(CABLE, FREE, values, {"contact.self_contact": "off"}, n=points)
     t = np.linspace(-1.6, 1.6 if found else 0.8, 500)
     path = np.stack((0.06 * (t**2 - 1.0), 0.05 * (t**3 - t), 0.0 * t), axis=1)
     basis = bspline.evaluate(np.eye(points), sim.model.knots, np.linspace(0.0, 0.4, len(t)))

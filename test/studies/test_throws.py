@@ -14,7 +14,7 @@ def test_a_throw_passes_through_only_without_contact(number):
     hit = thrown(number, {})
     assert hit.kind == kind and hit.hit and hit.finite and not hit.passed
     assert hit.energy < 1e-5
-    through = thrown(number, {OFF.get(kind, "contact.self"): "off"})
+    through = thrown(number, {OFF.get(kind, "contact.self_contact"): "off"})
     assert through.passed and not through.hit
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.recording import Recording
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.paper import published
@@ -71,6 +72,15 @@ def add(paper: Paper) -> None:
     _regular(paper)
 
 
+def _compared(
+    scene: Scene, steps: dict[str, float], finer: float, duration: float, every: float, start: float
+) -> tuple[Recording, dict[str, Conservation]]:
+    """A run of Forest-Ruth with a finer step [s], and methods with their steps beside it."""
+    fine = run(at_method(scene, "forest_ruth", finer), duration, every)
+    runs = {m: run(at_method(scene, m, step), duration, every) for m, step in steps.items()}
+    return fine, {method: _conservation(one, fine, start) for method, one in runs.items()}
+
+
 def _conservation(recording: Recording, fine: Recording, start: float) -> Conservation:
     time, error = recording.time, recording.energy - recording.energy[0]
     slope, offset = np.polyfit(time, error, 1)
@@ -87,15 +97,11 @@ def _conservation(recording: Recording, fine: Recording, start: float) -> Conser
 def _real(paper: Paper) -> None:
     scene, duration = scenario(1), paper.comparison
     own = {method: Simulator(at_method(scene, method)).step for method in COMPARED}
-    fine = run(at_method(scene, "forest_ruth", own["forest_ruth"] / FINE), duration, OFF_STEP)
-    found = {}
-    for method in COMPARED:
-        recording = run(at_method(scene, method, own[method]), duration, OFF_STEP)
-        found[method] = _conservation(recording, fine, 0.1 * duration)
+    finer, start = own["forest_ruth"] / FINE, 0.1 * duration
+    _, found = _compared(scene, own, finer, duration, OFF_STEP, start)
     caption = (
         f"The real wire, scenario 1, {duration:g} s, each method at 0.9 of its limit; {CAPTION}; "
-        f"position against Forest-Ruth at 1/{FINE} of its step; exponent fitted from "
-        f"{0.1 * duration:g} s on"
+        f"position against Forest-Ruth at 1/{FINE} of its step; exponent fitted from {start:g} s on"
     )
     _show(paper, "energy_real", found, caption)
     exponents = [one.exponent for one in found.values()]
@@ -110,11 +116,9 @@ def _regular(paper: Paper) -> None:
     soft = softened(scenario(1), paper.factor)
     scene = soft.with_values({"discretization.control_points": 4})
     every = duration / (1000.0 if paper.quick else 5000.0)
-    fine = run(at_method(scene, "forest_ruth", published.STEP / 4), duration, every)
-    found = {}
-    for method in COMPARED:
-        recording = run(at_method(scene, method, published.STEP), duration, every)
-        found[method] = _conservation(recording, fine, duration / 3.0)
+    steps = dict.fromkeys(COMPARED, published.STEP)
+    finer, start = published.STEP / 4, duration / 3.0
+    fine, found = _compared(scene, steps, finer, duration, every, start)
     caption = (
         f"A regular wire for {duration:g} s at the paper's 2 ms: scenario 1 with n_u = 4 and "
         f"constants CHANGED: axial stiffness and springs / {paper.factor:.0f}; {CAPTION}; "

@@ -7,9 +7,10 @@ from functools import cache
 
 from dlo_sim.batch.workers import Workers
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.report import Report
-from dlo_sim.studies.runs import at_method, bisected, shipped
+from dlo_sim.studies.runs import at_method, bisected
 
 SCENES = {1: "paper_wire", 2: "paper_wire_force"}
 SCENARIOS = {1: "scenario 1 (gravity)", 2: "scenario 2 (gravity and a force)"}
@@ -37,8 +38,9 @@ class Paper:
 
 @cache
 def scenario(number: int, **values: object) -> Scene:
-    """A scenario of the paper with values changed, as `shipped`."""
-    return shipped(SCENES[number], **values)
+    """A scenario of the paper with values changed; their dots as `__`: `cable__length=2.0`."""
+    dotted = {key.replace("__", "."): value for key, value in values.items()}
+    return load_scene(shipped_scene(SCENES[number]), dotted)
 
 
 def softened(scene: Scene, factor: float) -> Scene:

@@ -14,11 +14,6 @@ from dlo_sim.core.methods import RUNGE_KUTTA, SPLITTING, ZHAI, Method
 
 Array = NDArray[np.float64]
 
-ROUND_OFF = 1e-9  # of the spectral radius; a double root on the unit circle costs half the digits
-SCAN_STEP = 0.04  # of omega tau, in the search for the first unstable value
-SCAN_END = 6.0
-MODES = 40  # samples of the spectrum below the largest frequency of a damped cable
-
 
 def amplification(method: Method, omega: ArrayLike, decay: float = 0.0) -> Array:
     """Matrix of one step of an explicit method, shape omega.shape + (2, 2), or (3, 3) for Zhai's.
@@ -81,32 +76,3 @@ def _zhai(omega: Array, decay: float) -> Array:
 def spectral_radius(matrix: Array) -> float:
     """Largest magnitude of the eigenvalues, over all matrices of a stack."""
     return float(np.abs(np.linalg.eigvals(matrix)).max())
-
-
-def largest_step(method: Method, omega: float, decay: float) -> float:
-    """Largest stable step [s] of a cable with modes up to omega [rad/s] and uniform decay [1/s].
-
-    A sampled spectrum stands for the cable's own: damping that a method does not solve exactly can
-    make a mode unstable that is slower than the fastest.
-    """
-    modes = np.linspace(1.0 / MODES, 1.0, MODES) * omega
-
-    def stable(tau: float) -> bool:
-        matrices = amplification(method, modes * tau, decay * tau)
-        return spectral_radius(matrices) <= 1.0 + ROUND_OFF
-
-    high = SCAN_END / max(omega, decay)
-    steps = np.linspace(0.0, high, int(SCAN_END / SCAN_STEP))
-    low = 0.0
-    for step in steps[1:]:
-        if not stable(step):
-            return _bisect(stable, low, step)
-        low = float(step)
-    return low
-
-
-def _bisect(stable, low: float, high: float) -> float:  # type: ignore[no-untyped-def]
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if stable(middle) else (low, middle)
-    return low
