@@ -17,7 +17,6 @@ from dlo_sim.simulation.geometry import geometries_of
 from dlo_sim.simulation.natural_shape import local_turn, natural_rows, turned_rows, weighted
 from dlo_sim.simulation.simulator import Simulator
 
-# Methods of the elastic cable by name.
 # Stretching, bending, gravity and a point load; the start is clamped along x, the end is free.
 SOFT = {
     "cable.length": 1.0,
@@ -87,18 +86,20 @@ MOTIONS = {
 RESOLUTION = {"discretization.control_points": 13, "discretization.knots": "uniform"}
 
 
+SHORT = {
+    "method": "integrator.method",
+    "step": "integrator.step",
+    "n": "discretization.control_points",
+}
+
+
 def scene_of(*values, **more):
-    """A scene of merged values; method, step and n are short for the integrator's method and step
-    and the number of control points."""
-    names = {
-        "method": "integrator.method",
-        "step": "integrator.step",
-        "n": "discretization.control_points",
-    }
+    """A scene of merged values; of more of them `a__b` stands for the key `a.b`, and n, method and
+    step for the number of control points and the integrator's method and step."""
     merged: dict[str, object] = dict(RESOLUTION)
     for part in values:
         merged |= part
-    merged |= {names[key]: value for key, value in more.items()}
+    merged |= {SHORT.get(key) or key.replace("__", "."): value for key, value in more.items()}
     return scene_from_values(merged)
 
 
@@ -302,6 +303,14 @@ def set_state(sim, points=None, rates=None):
             sim.control_points if points is None else points,
             sim.velocities if rates is None else rates,
         )
+
+
+def momenta(sim):
+    """Momentum [kg m/s] and angular momentum about the origin [kg m^2/s] of the centerline, with
+    the masses at its ends."""
+    points, rates = sim.control_points[:, :3], sim.velocities[:, :3]
+    impulses = mass.multiply(sim.model.mass(0), rates)
+    return impulses.sum(axis=0), np.cross(points, impulses).sum(axis=0)
 
 
 def rotation(vector):

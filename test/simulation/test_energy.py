@@ -13,11 +13,11 @@ from cables import (
     MOTIONS,
     SINE_LOAD,
     SOFT,
+    momenta,
     set_state,
     simulator,
 )
 
-from dlo_sim.core import mass
 from dlo_sim.core.methods import IMPLICIT, METHODS
 
 ODD = 7  # steps between two looks, no divisor of anything
@@ -124,13 +124,6 @@ def test_account_closes_with_a_moved_spring(name):
 
 
 # ------------------------------------------------------------------------------------ free flight
-
-
-def momenta(sim):
-    """Momentum [kg m/s] and angular momentum about the origin [kg m^2/s] of the centerline."""
-    points, rates = sim.control_points[:, :3], sim.velocities[:, :3]
-    impulses = mass.multiply(sim.model.mass(0), rates)
-    return impulses.sum(axis=0), np.cross(points, impulses).sum(axis=0)
 
 
 @pytest.mark.parametrize("name", METHODS)

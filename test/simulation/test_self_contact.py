@@ -4,10 +4,10 @@ import warnings
 
 import numpy as np
 import pytest
-from cables import move, simulator
+from cables import momenta, move, simulator
 
 from dlo_sim import Plan
-from dlo_sim.core import bspline, mass
+from dlo_sim.core import bspline
 from dlo_sim.session import cdr
 from dlo_sim.session.outputs import Outputs
 from dlo_sim.session.topics import CONTACTS
@@ -106,12 +106,6 @@ def pulled_apart(sim, points):
     for name, way in (("start", -out), ("end", out)):
         move(sim, name, 1.0, velocity=way)
     return sim
-
-
-def momenta(sim):
-    """Momentum and angular momentum."""
-    flow = mass.dense(sim.model.mass(0)) @ sim.velocities[:, :3]
-    return flow.sum(axis=0), np.cross(sim.control_points[:, :3], flow).sum(axis=0)
 
 
 def shown_lines(sim):

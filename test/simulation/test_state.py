@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from cables import FULL, FULLY_DAMPED, SINE_LOAD, SOFT, scene_of, set_state, simulator
+from cables import FULL, FULLY_DAMPED, MOTIONS, SINE_LOAD, SOFT, scene_of, set_state, simulator
 
-from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.simulation.report import Status
@@ -12,16 +11,6 @@ from dlo_sim.simulation.simulator import Simulator
 
 LOAD = SINE_LOAD | {"loads.tip.position": 0.6}
 CONSTANT = LOAD | {"loads.tip.signal": "constant"}
-CLAMP = EndMotion(
-    start=0.0,
-    duration=0.05,
-    position=[0, 0, 0],
-    orientation=[0, 0, 0, 1],
-    velocity=[0.1, -0.3, 0.2],
-    acceleration=[6.0, 4.0, -8.0],
-    angular_velocity=[2.0, 0.5, 0],
-    angular_acceleration=[60.0, 0.0, 8.0],
-)
 NAMES = list(METHODS)
 CASES = [(name, FULL) for name in NAMES] + [("energy_momentum", FULLY_DAMPED)]
 IDS = [*NAMES, "damped"]
@@ -29,7 +18,7 @@ IDS = [*NAMES, "damped"]
 
 def moving(method, scene, load=LOAD):
     sim = simulator(scene, load, n=6, method=method, step=3e-4)
-    sim.set_motion("start", CLAMP)
+    sim.set_motion("start", MOTIONS["start"])
     return sim
 
 
@@ -109,7 +98,7 @@ def test_reset_starts_over(method, scene):
     sim.reset()
     assert (sim.time, sim.steps) == (0.0, 0)
     assert same(sim.control_points, simulator(scene, LOAD, n=6, method=method).control_points)
-    sim.set_motion("start", CLAMP)
+    sim.set_motion("start", MOTIONS["start"])
     sim.advance_steps(60)
     assert same(everything(sim), expected)
 
