@@ -39,6 +39,14 @@ FULL = SOFT | {
     "end.pose_topic": "/end_pose",
     "end.spring": [30.0, 20.0, 10.0],
 }
+CLAMPED = FULL | {  # both ends by clamps, askew
+    "end.spring": [0.0, 0.0, 0.0],
+    "end.fixed": [True, True, True],
+    "end.clamped": True,
+    "end.position": [0.8, 0.1, 0.2],
+    "start.tangent": [0.6, 0.0, 0.8],
+    "end.tangent": [0.0, 0.8, -0.6],
+}
 NATURAL = {  # that only implicit methods know
     "cable.rest_curvature": [0.5, -1.0, 2.0],
     "cable.rest_curvature_axis": [0.6, 0.0, 0.8],
