@@ -6,39 +6,14 @@ import math
 
 import pytest
 from fake_simulator import FakeSimulator
-from session_bench import FREE, MS, SECOND
+from session_bench import FREE, MS, SECOND, FakeEstimate
 
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import drive
 from dlo_sim.session.session import Session
-from dlo_sim.simulation.error_estimate import advice
 from dlo_sim.simulation.report import DiscretizationError
 
 T0 = 100 * SECOND
-
-
-class FakeEstimate:
-    """Looks at nothing and reports what it is told to."""
-
-    def __init__(self, simulator) -> None:
-        self.simulator = simulator
-        self.recent = DiscretizationError(1e-5, 2e-5)
-        self.order = 2
-
-    def advice(self, error) -> str:
-        return advice(self.simulator.scene, "energy_momentum", self.simulator.step, 2, error)
-
-    def take_over(self) -> None:
-        self.recent = DiscretizationError(0.0, 0.0)
-
-    def end(self) -> None:
-        pass
-
-    def next_look(self, steps: int) -> int:
-        return steps + 1000
-
-    def look(self, report) -> str:
-        return ""
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from session_bench import MS, SECOND, T0
+from session_bench import MS, SECOND, T0, feed, poses
 
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.scene.loading import SceneError, scene_from_values
@@ -28,16 +28,20 @@ VALUES = {
 SCENE = scene_from_values(VALUES)
 
 
+def swinging(t):
+    """Where the gripper is after so many seconds."""
+    return 0.0, 0.0, 0.05 * np.sin(6.0 * t)
+
+
 def move(session, begin_ns, end_ns, force=0.0):
     """Poses of a gripper that swings, at 100 Hz, and a tick after each."""
-    poses = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
     wrench = cdr.StampedEncoder(cdr.WRENCH_STAMPED, "world")
-    for now in range(begin_ns, end_ns, 10 * MS):
-        height = 0.05 * np.sin((now - T0) * 6e-9)
-        session.receive("/pose", poses.encode(now, (0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0)), now)
-        if force:
-            session.receive("/wrench", wrench.encode(now, (0.0, force, 0.0, 0.0, 0.0, 0.0)), now)
-        session.tick(now)
+    told = list(poses("/pose", swinging, begin_ns, end_ns))
+    if force:
+        values = (0.0, force, 0.0, 0.0, 0.0, 0.0)
+        told += [(now, "/wrench", wrench.encode(now, values)) for now, *_ in told]
+    for _ in feed(session, told, begin_ns, end_ns, 10 * MS):
+        pass
 
 
 @pytest.fixture(scope="module")
