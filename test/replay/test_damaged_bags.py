@@ -7,28 +7,13 @@ import sys
 import zlib
 
 import pytest
+from bag_files import SECOND, STORAGES, TOPICS, data_file, read
 
 from dlo_sim.cli.main import main
 from dlo_sim.replay.bags import Bag, BagError
-from dlo_sim.session import cdr
 from dlo_sim.tuning.scene_file import scene_text
 
 zstd = pytest.importorskip("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
-SECOND = 1_000_000_000
-TOPICS = {"/gripper_pose": cdr.POSE_STAMPED, "/wrench": cdr.WRENCH_STAMPED}
-STORAGES = ["mcap", "sqlite3"]
-
-
-def data_file(bag):
-    (file,) = (f for f in bag.iterdir() if f.suffix in (".mcap", ".db3"))
-    return file
-
-
-def read(path):
-    bag = Bag(path)
-    found = [(m.topic, m.time_ns, m.data) for m in bag.messages(TOPICS)]
-    assert len(bag.damage) < 500 and "\n" not in bag.damage
-    return bag, found
 
 
 # ------------------------------------------------------------------------- writing MCAP by hand
