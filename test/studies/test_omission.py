@@ -9,7 +9,7 @@ from dlo_sim.scene import needs
 from dlo_sim.scene.loading import load_scene, shipped_scene, shipped_scenes
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies import omission as study_module
-from dlo_sim.studies.omission import QUICK_TERMS, TERMS, Row, has, job, variants
+from dlo_sim.studies.omission import QUICK_TERMS, TERMS, Row, has, variants
 from dlo_sim.tuning.trial import attempt
 
 pytestmark = pytest.mark.slow
@@ -32,11 +32,8 @@ def test_every_term_is_known():
     assert {*TERMS, "bishop"} == {*needs.NAMES, "out_of_plane", "air_drag"}
 
 
-def test_every_term_asked_for_has_a_row(rows):
-    assert tuple(rows) == QUICK_TERMS
-
-
 def test_every_term_is_timed_with_and_without(rows):
+    assert tuple(rows) == QUICK_TERMS
     for row in rows.values():
         assert 0.0 < float(row["with [us/step]"]) < 1e4
         assert 0.0 < float(row["without [us/step]"]) < 1e4
@@ -82,23 +79,6 @@ def test_a_term_that_nothing_can_put_in_says_so(monkeypatch):
     monkeypatch.setitem(TERMS, "plasticity", nothing)
     with pytest.raises(RuntimeError, match="no two scenes differ in the term plasticity alone"):
         variants(load_scene(shipped_scene("paper_wire")))
-
-
-def test_grippers_move_unless_they_are_put_in():
-    scene = load_scene(shipped_scene("two_grippers"))
-    found = {variant.term: variant for variant in variants(scene)}
-    assert found["twist"].automatic and found["twist"].bare.terms.twist == "off"
-    assert found["stretch"].bare.terms.stretch == "off"
-    assert found["drive"].full.start.driven and not found["drive"].bare.start.driven
-    assert not found["drive"].still
-    ((end, motion),) = job(scene, 1.0).motions
-    assert end == "start"
-    assert motion.position_at(0.5) == pytest.approx([0.0, 0.0375, 0.5])
-    assert motion.position_at(1.0) == pytest.approx([0.0, 0.15, 0.5])
-    wire = load_scene(shipped_scene("paper_wire"))
-    put_in = {variant.term: variant for variant in variants(wire)}["drive"]
-    assert put_in.still and put_in.full.start.driven
-    assert job(put_in.full, 1.0, put_in.still).motions == ()
 
 
 def test_a_run_that_fails_at_its_own_step_is_done_at_a_smaller_one(monkeypatch):
