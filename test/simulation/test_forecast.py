@@ -63,15 +63,6 @@ def test_the_simulator_stays_as_it_is():
     assert np.array_equal(np.hstack(sim.end_pose("start")), np.hstack(alone.end_pose("start")))
 
 
-def test_a_copy_from_another_process_goes_on_with_the_same_bits():
-    sim = moving()
-    other = pickle.loads(pickle.dumps(sim))
-    for one in (sim, other):
-        one.set_end("start", [0.0, 0.01, 0.0])
-        one.advance_steps(20)
-    assert np.array_equal(sim.cable.state, other.cable.state)
-
-
 def test_one_that_fails_before_its_first_shape_says_so_itself(monkeypatch):
     sim = moving()
 

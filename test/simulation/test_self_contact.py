@@ -12,7 +12,6 @@ from dlo_sim.session import cdr
 from dlo_sim.session.outputs import Outputs
 from dlo_sim.session.topics import CONTACTS
 from dlo_sim.simulation import self_contact
-from dlo_sim.studies.strands import linked, plectoneme
 
 DIAMETER, COUNT = 0.005, 26
 CABLE = {
@@ -299,23 +298,6 @@ def test_strands_that_grippers_squeezed_part_slowly():
     assert np.abs(sim.velocities).max() < 4.0
     assert sim.clearance_to_itself > -0.01 * DIAMETER
     assert sim.energy_error < 1e-6
-
-
-def test_linked_loops_bear_the_tension_of_their_legs():
-    """Penetration below a hundredth of the diameter; with grasps between control points."""
-    found = linked(70)
-    assert abs(found.answers[0].error) < 0.01
-    assert found.answers[0].exact > 3.0
-    assert -0.01 * DIAMETER < found.simulator.contacts["itself"].clearance < 0.0
-
-
-def test_a_twisted_cable_that_coils_keeps_its_link():
-    """To a hundredth of a turn; one crossing would change it by two."""
-    found = plectoneme(40)
-    assert found.answers[0].value == pytest.approx(8.0, abs=0.01)
-    account = found.simulator.cable.account
-    assert account.crossed == account.pairs_lost == 0.0
-    assert found.simulator.contacts["itself"].total > 0.1
 
 
 def test_a_snapshot_continues_bit_for_bit():

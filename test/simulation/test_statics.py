@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cables import FLAT, SOFT, Bench, simulator, straight
+from closed_forms import Rod, cantilever_tip
 
 import dlo_sim
 from dlo_sim.core import bspline
@@ -72,44 +73,9 @@ def test_cantilever_under_its_own_small_weight():
     assert errors[0] < 0.03 * abs(quartic[-1])
 
 
-def elastica(load):
-    """Tip of the inextensible cantilever with P L^2 / EI = load across its unloaded direction.
-
-    theta'' = -load cos(theta), theta(0) = 0, theta'(1) = 0, by shooting with Runge-Kutta steps on
-    the branch with the smallest theta'(0) (Bisshopp & Drucker 1945).
-    """
-
-    def shoot(bend, steps=100):
-        def slope(y):
-            return np.array([y[1], -load * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])])
-
-        y, h = np.array([0.0, bend, 0.0, 0.0]), 1.0 / steps
-        for _ in range(steps):
-            a = slope(y)
-            b = slope(y + h / 2 * a)
-            c = slope(y + h / 2 * b)
-            y = y + h / 6 * (a + 2 * b + 2 * c + slope(y + h * c))
-        return y
-
-    low, high = 0.0, 0.1
-    while shoot(high)[1] < 0.0:
-        low, high = high, high + 0.1
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if shoot(middle)[1] < 0.0 else (low, middle)
-    return shoot(high)[2:]
-
-
-def test_elastica_itself_agrees_with_the_published_table():
-    """Bisshopp & Drucker 1945: 1 - x and z at P L^2 / EI = 1, 4 and 10."""
-    for load, x, z in ((1.0, 0.056, 0.302), (4.0, 0.329, 0.670), (10.0, 0.555, 0.811)):
-        found = elastica(load)
-        assert np.allclose([1 - found[0], found[1]], [x, z], atol=6e-4)
-
-
 def test_large_deflection_converges_to_the_elastica():
     """EA L^2 / EI = 2e7, as of a wire: few spans lock in tension, then the error falls fast."""
-    load, exact = 4.0, elastica(4.0)
+    load, exact = 4.0, cantilever_tip(Rod(1.0, 1e9, 0.0), 1.0, load=4.0)
     errors = []
     for n in (7, 11, 19, 35):
         values = {"cable.axial_stiffness": 1e6, "loads.tip.force": [0.0, 0.0, 1.0]}
