@@ -57,6 +57,20 @@ BENT = FULL | NATURAL | TWISTED
 MASS_DAMPED = FULL | {"damping.mass": 0.8}
 FULLY_DAMPED = MASS_DAMPED | {"damping.stiffness": 2e-3, "damping.air_drag": 0.05}
 
+# Free along x; friction with what comes below it.
+LYING = {
+    "cable.length": 0.3,
+    "cable.diameter": 0.006,
+    "cable.youngs_modulus": 2e6,
+    "start.fixed": [False] * 3,
+    "end.position": [0.3, 0.0, 0.0],
+    "discretization.control_points": 9,
+    "damping.mass": 1.0,
+    "integrator.step": 5e-3,
+    "integrator.method": "energy_momentum",
+    "contact.friction": 0.5,
+}
+
 # Stretching by its means over spans, of a cable that would lock otherwise.
 BY_SPAN = {"discretization.stretch": "span", "cable.axial_stiffness": 3e3}
 FLAT = {"gravity": [0.0, 0.0, 0.0]}
@@ -328,6 +342,11 @@ def rotation(vector):
     x, y, z = vector / angle
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def weight(sim):
+    """Of the cable [N]."""
+    return sim.scene.cable.mu * sim.scene.cable.length * np.linalg.norm(sim.scene.gravity)
 
 
 def move(sim, end, duration, **rates):

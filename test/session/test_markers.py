@@ -5,6 +5,7 @@ import re
 import threading
 from concurrent.futures import Future
 
+import cables
 import numpy as np
 import pytest
 from marker_arrays import array, marker
@@ -21,19 +22,9 @@ from dlo_sim.simulation import meshes
 from dlo_sim.simulation.obstacles import surface
 
 TOPIC = "/dlo_sim/obstacles"
-LYING = {
-    "cable.length": 0.3,
-    "cable.diameter": 0.006,
-    "cable.youngs_modulus": 2e6,
-    "start.fixed": [False] * 3,
-    "end.position": [0.3, 0.0, 0.0],
-    "discretization.control_points": 9,
-    "damping.mass": 1.0,
-    "integrator.step": 5e-3,
-    "integrator.method": "energy_momentum",
+LYING = cables.LYING | {
     "accuracy.estimate": "off",
     "inputs.latency": 0.05,
-    "contact.friction": 0.5,
     "contact.stiffness": 5e4,
     "contact.markers": 3,
 }
@@ -74,7 +65,7 @@ def session_of(**values):
 
 
 def weight(session):
-    return session.simulator.scene.cable.mu * 0.3 * 9.81
+    return cables.weight(session.simulator)
 
 
 def drawn(begin, end, speed):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_contact_added import LYING
+from cables import LYING
 
 from dlo_sim import EndMotion, Obstacle, Plan, Simulator
 from dlo_sim.scene.loading import scene_from_values

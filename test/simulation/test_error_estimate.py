@@ -10,6 +10,7 @@ from threading import Event
 
 import numpy as np
 import pytest
+from cables import move
 from closed_forms import Rod, cantilever_tip
 
 from dlo_sim.core.end_motion import EndMotion
@@ -221,35 +222,18 @@ def test_run_without_a_finer_one_is_of_unknown_error():
     assert math.isfinite(estimate.recent.time)
 
 
-def test_failure_of_a_companion_is_told_and_does_not_stop_the_simulator():
-    estimate = ErrorEstimate(Simulator(shipped("two_grippers")))
-    companion = estimate.companions[1].simulator
-    assert companion is not None
-    companion.cable.x[0, 5] = np.nan
-    report = estimate.advance_steps(20)
-    assert report.status.ok and estimate.simulator.steps == 20
-    assert estimate.recent.space == math.inf
-    assert "finer run failed" in estimate.recent.unknown
-    estimate.reset()
-    assert math.isfinite(estimate.recent.total)
-
-
-def test_a_companion_that_failed_stops_no_gripper():
+def test_failure_of_a_companion_is_told_and_stops_neither_the_simulator_nor_a_gripper():
     estimate = ErrorEstimate(Simulator(shipped("two_grippers")))
     estimate.companions[1].simulator.cable.x[0, 5] = np.nan
     simulator = estimate.simulator
     for _ in range(3):
-        position, orientation = simulator.end_pose("end")
-        motion = EndMotion(
-            start=simulator.time,
-            duration=20 * simulator.step,
-            position=position,
-            orientation=orientation,
-            velocity=[0.5, 0.0, 0.0],
-        )
-        estimate.simulator.set_motion("end", motion)
+        move(simulator, "end", 20 * simulator.step, velocity=[0.5, 0.0, 0.0])
         assert estimate.advance_steps(20).status.ok
+    assert simulator.steps == 60
+    assert estimate.recent.space == math.inf
     assert "finer run failed" in estimate.recent.unknown
+    estimate.reset()
+    assert math.isfinite(estimate.recent.total)
 
 
 def test_a_live_run_does_not_wait_for_companions_and_gives_up_those_that_are_far_behind():

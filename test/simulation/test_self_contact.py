@@ -300,21 +300,6 @@ def test_strands_that_grippers_squeezed_part_slowly():
     assert sim.energy_error < 1e-6
 
 
-def test_a_snapshot_continues_bit_for_bit():
-    sim = thrown({"contact.friction": 0.4})
-    sim.advance(0.0104)
-    stored = sim.energy().contact
-    assert stored > 0.0
-    kept = sim.snapshot()
-    sim.advance(0.002)
-    sim.advance(0.002)
-    ended = sim.control_points
-    sim.restore(kept)
-    assert sim.energy().contact == stored
-    sim.advance(0.004)
-    assert (sim.control_points == ended).all()
-
-
 def test_what_is_far_from_itself_is_as_without():
     """The same bits, and no pair is looked at."""
     values = {"start.position": [0.0] * 3, "end.position": [0.2, 0.0, 0.0], "cable.length": 0.3}

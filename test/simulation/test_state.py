@@ -3,6 +3,10 @@
 import numpy as np
 import pytest
 from cables import FULL, FULLY_DAMPED, MOTIONS, SINE_LOAD, SOFT, scene_of, set_state, simulator
+from test_contact import DAMPED, falling
+from test_self_contact import thrown
+from test_sliding import pulled
+from test_symmetry import pressed
 
 from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Obstacle
@@ -112,6 +116,32 @@ def test_looking_changes_nothing(method, scene):
         watched.snapshot()
         alone.advance_steps(3)
     assert same(everything(watched), everything(alone))
+
+
+EVENTFUL = {  # a simulator, the time before what happens [s], and its steps then
+    "sticks to a table": (lambda: falling({"obstacles.table.friction": 0.5}, DAMPED), 0.4, 60),
+    "strands collide": (lambda: thrown({"contact.friction": 0.4}), 0.0104, 20),
+    "buckles": (lambda: pressed(3.0), 0.0, 60),
+    "slides in a guide": (lambda: pulled(0.9, 0.05), 0.0, 40),
+}
+
+
+@pytest.mark.parametrize("name", EVENTFUL)
+def test_contact_slides_and_buckling_go_on_with_the_same_bits(name):
+    """In pieces and after restoring; friction and pushes are not told by the present shape."""
+    make, begin, steps = EVENTFUL[name]
+    whole, pieces = make(), make()
+    for sim in (whole, pieces):
+        sim.advance(begin)
+    kept, moved = pieces.snapshot(), whole.control_points
+    whole.advance_steps(steps)
+    for part in (1, 6, steps - 7):
+        pieces.advance_steps(part)
+    assert same(pieces.cable.state, whole.cable.state)
+    assert np.abs(whole.control_points - moved).max() > 0.0
+    pieces.restore(kept)
+    pieces.advance_steps(steps)
+    assert same(pieces.cable.state, whole.cable.state)
 
 
 def test_what_came_in_on_the_way_leaves_again_with_a_restore():
