@@ -9,12 +9,12 @@ import time
 from pathlib import Path
 
 import pytest
+from bag_files import write_bag
 from progress import rises, shown_progress
 
 from dlo_sim.cli.main import main
 from dlo_sim.demo import scenario
 from dlo_sim.replay import replay
-from dlo_sim.replay.bags import BagWriter
 from dlo_sim.replay.comparison import AxisComparison
 
 JSON_KEYS = {"status", "message", "messages_used", "messages_refused", "real_time_factor"}
@@ -100,11 +100,7 @@ def written(folder, duration):
     """A bag of the demo's motion, so long [s], and its scene."""
     bag, scene = folder / "bag", folder / "scene.yaml"
     scene.write_text(scenario.SCENE)
-    writer = BagWriter(bag, scenario.TOPICS, "mcap")
-    for message in scenario.messages(duration):
-        writer.write(message.topic, message.time_ns, message.data)
-    writer.finish()
-    return bag, scene
+    return write_bag(bag, scenario.messages(duration), scenario.TOPICS), scene
 
 
 def test_a_real_replay_shows_its_progress(tmp_path, monkeypatch):
