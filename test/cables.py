@@ -84,23 +84,15 @@ SINE_LOAD = {
     "loads.tip.torque": [0.02, 0.01, -0.02],
 }
 MOTIONS = {
-    "start": EndMotion(
-        start=0.0,
-        duration=0.2,
-        position=[0, 0, 0],
-        orientation=[0, 0, 0, 1],
+    "start": EndMotion.resting([0.0, 0.0, 0.0]).then(
+        0.2,
         velocity=[0.1, -0.3, 0.2],
         acceleration=[6.0, 4.0, -8.0],
         angular_velocity=[2.0, 0, 0],
         angular_acceleration=[60.0, 0.0, 0.0],
     ),
-    "end": EndMotion(
-        start=0.0,
-        duration=0.2,
-        position=[1.0, 0, 0],
-        orientation=[0, 0, 0, 1],
-        velocity=[0.2, 0.1, -0.5],
-        acceleration=[-8.0, 6.0, 12.0],
+    "end": EndMotion.resting([1.0, 0.0, 0.0]).then(
+        0.2, velocity=[0.2, 0.1, -0.5], acceleration=[-8.0, 6.0, 12.0]
     ),
 }
 
@@ -351,7 +343,9 @@ def weight(sim):
 
 def move(sim, end, duration, **rates):
     """Let an end effector or obstacle move from where it is for so long [s], with velocity,
-    acceleration, angular_velocity and angular_acceleration."""
-    place = dict(zip(("position", "orientation"), sim.end_pose(end), strict=True))
-    start = getattr(sim, "simulator", sim).time  # of an error estimate
-    sim.set_motion(end, EndMotion(start=start, duration=duration, **place, **rates))
+    acceleration, angular_velocity and angular_acceleration; the motion."""
+    now = getattr(sim, "simulator", sim).time  # of an error estimate
+    position, orientation = sim.end_pose(end)
+    motion = EndMotion.resting(position, orientation, now).then(duration, **rates)
+    sim.set_motion(end, motion)
+    return motion

@@ -19,11 +19,8 @@ from cables import (
 
 from dlo_sim.core.end_motion import EndMotion
 
-TURNING = EndMotion(
-    start=0.0,
-    duration=1.0,
-    position=[0.0, 0.0, 0.0],
-    orientation=[0.0, 0.0, 0.0, 1.0],
+TURNING = EndMotion.resting([0.0, 0.0, 0.0]).then(
+    1.0,
     velocity=[0.1, -0.3, 0.2],
     acceleration=[0.6, 0.4, -0.8],
     angular_velocity=[2.0, -1.0, 1.5],

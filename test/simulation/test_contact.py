@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from cables import simulator, weight
+from cables import move, simulator, weight
 
 from dlo_sim.core import rotations
-from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine.contact import STIFFNESS
 from dlo_sim.scene.loading import load_scene
 from dlo_sim.scene.needs import mirrors
@@ -158,15 +157,7 @@ def test_a_cable_is_drawn_from_the_table_through_a_guide(guide, lift, aside):
     the clip.
     """
     sim = Simulator(load_scene("table", {"obstacles.names": ["table", guide]}))
-    motion = EndMotion(
-        start=0.0,
-        duration=1.0,
-        position=[0.0, 0.0, 0.003],
-        orientation=rotations.IDENTITY,
-        velocity=lift,
-    )
-    sim.set_motion("start", motion)
-    aside_motion = motion.then(1.5, velocity=aside)
+    aside_motion = move(sim, "start", 1.0, velocity=lift).then(1.5, velocity=aside)
     sim.set_motion("start", aside_motion)
     sim.set_motion("start", aside_motion.then(1.0, velocity=[0.0, 0.0, 0.0]))
     held = []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cables import LYING, move, weight
 
-from dlo_sim import EndMotion, Obstacle, Simulator
+from dlo_sim import Obstacle, Simulator
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 
@@ -158,10 +158,8 @@ def test_the_error_estimate_takes_obstacles_up():
 def test_an_obstacle_that_goes_takes_its_motions_along():
     """One of the same name that comes after it rests."""
     sim = lying()
-    place = {"position": BOX.position, "orientation": [0.0, 0.0, 0.0, 1.0]}
-    first = EndMotion(start=0.0, duration=0.02, **place, velocity=[0.0, 1.0, 0.0])
     sim.add_obstacles([BOX])
-    sim.move_obstacle("box", first)
+    first = move(sim, "box", 0.02, velocity=[0.0, 1.0, 0.0])
     sim.move_obstacle("box", first.then(0.02))
     sim.remove_obstacles(["box"])
     sim.add_obstacles([BOX])

@@ -41,13 +41,7 @@ def swing(scene: Scene, end: str, axis: int) -> list[EndMotion]:
     if not end:
         return []
     along = np.eye(3)[axis] * 2.0  # [m/s^2]
-    first = EndMotion(
-        start=0.0,
-        duration=0.25,
-        position=scene.ends[end].position,
-        orientation=[0.0, 0.0, 0.0, 1.0],
-        acceleration=along,
-    )
+    first = EndMotion.resting(scene.ends[end].position).then(0.25, acceleration=along)
     return [first, first.then(0.25, acceleration=-along)]
 
 

@@ -15,7 +15,6 @@ from cables import (
 )
 
 from dlo_sim.core import bspline, mass
-from dlo_sim.core.end_motion import EndMotion
 
 SPATIAL = {"terms.out_of_plane": "on"}
 WEIGHT = np.array([0.0, 0.0, -0.1 * 9.81])  # of the scene SOFT
@@ -192,14 +191,7 @@ def test_the_reaction_of_a_stiff_cable_does_not_alternate_after_a_jump():
 def test_reactions_hold_within_a_motion_and_at_its_borders():
     """No spike where one motion ends and the next begins: the same force from both sides."""
     sim = simulator(SOFT, SPATIAL, n=8, method="velocity_verlet", step=1e-4)
-    first = EndMotion(
-        start=0.0,
-        duration=0.05,
-        position=[0, 0, 0],
-        orientation=[0, 0, 0, 1],
-        acceleration=[4.0, 0.0, 8.0],
-    )
-    sim.set_motion("start", first)
+    first = move(sim, "start", 0.05, acceleration=[4.0, 0.0, 8.0])
     sim.advance_steps(499)
     before = sim.reaction("start")[0]
     sim.advance_steps(1)

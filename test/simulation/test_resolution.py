@@ -11,7 +11,7 @@ from corpus import EVERYDAY, checked, draw_at_rest
 
 from dlo_sim.batch.batch import simulate_batch
 from dlo_sim.core import bspline
-from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scene
+from dlo_sim.scene.loading import load_scene, scene_from_values, shipped_scene
 from dlo_sim.simulation.recording import record
 from dlo_sim.simulation.resolution import FEWEST, MOST, resolved
 from dlo_sim.simulation.simulator import Simulator
@@ -74,12 +74,6 @@ def test_a_given_number_is_kept():
     assert resolved(given)[0] == given
     again = resolved(resolved(scene_from_values(ROPE))[0])
     assert again[0] == resolved(scene_from_values(ROPE))[0]
-
-
-@pytest.mark.parametrize("below", [1, 2, 3])
-def test_numbers_below_four_are_refused(below):
-    with pytest.raises(SceneError, match=f"control_points: {below} are too few for a cubic"):
-        scene_from_values({NUMBER: below})
 
 
 def test_the_number_grows_with_the_fourth_to_fifth_root_of_the_target():
