@@ -50,11 +50,12 @@ def stamp(message: PoseArray | DiagnosticArray) -> int:
     return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
 
 
-def test_time_begins_stands_still_goes_on_and_jumps_back(
+def test_time_begins_stands_still_goes_on_jumps_back_and_ends(
     started: Callable[..., NodeProcess], peer: Peer
 ) -> None:
-    started({**CABLE, "use_sim_time": True})
+    node = started({**CABLE, "use_sim_time": True})
     received = peer.collect(PoseArray, "/dlo_sim/control_points")
+    markers = peer.collect(Marker, "/dlo_sim/centerline")
     name = "/dlo_sim: node"
     peer.status(
         name,
@@ -90,6 +91,10 @@ def test_time_begins_stands_still_goes_on_and_jumps_back(
     values = peer.status("/dlo_sim: session", lambda v, s: True, "the session")
     assert (values["event time_jump"], values["event reset"]) == ("1", "1"), "counted as it was"
     clock.close()
+    peer.watched = None
+    assert node.stop() == 0, "while the clock stands still"
+    peer.until(lambda: markers[-1].action == Marker.DELETEALL, "the end of the markers")
+    assert "Traceback" not in node.output
 
 
 def test_a_small_jump_back_is_waited_for_and_what_is_no_time_ignored_both_counted(
