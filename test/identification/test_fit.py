@@ -98,7 +98,7 @@ def test_a_fit_goes_on_from_a_cable_that_slips():
 
 
 def test_an_elastic_cable_is_found_hardly_to_slip(moving):
-    found, _ = identified(moving, ("cable.bending_stiffness", *SLIP))
+    found, _ = identified(moving[:1], ("cable.bending_stiffness", *SLIP))
     assert found.scene.cable.bending_stiffness == pytest.approx(2e-3, rel=0.05)
     assert found.scores["training pieces"].distance < 3e-3
 
@@ -143,7 +143,7 @@ def test_a_number_that_may_be_anywhere_is_left_after_the_fit(monkeypatch):
 
 def test_twins_are_told_from_each_other_by_nothing(moving):
     """Drag and a damping of the same effect cannot both be known; here the torsional stiffness."""
-    found, _ = identified(moving, keys=("cable.torsional_stiffness", "cable.bending_stiffness"))
+    found, _ = identified(moving[:1], keys=("cable.torsional_stiffness", "cable.bending_stiffness"))
     assert "cable.torsional_stiffness" in found.fit.left
 
 
