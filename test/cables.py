@@ -107,14 +107,18 @@ SHORT = {
 }
 
 
-def scene_of(*values, **more):
-    """A scene of merged values; of more of them `a__b` stands for the key `a.b`, and n, method and
-    step for the number of control points and the integrator's method and step."""
-    merged: dict[str, object] = dict(RESOLUTION)
+def merged(*values, **more):
+    """Merged values; of more of them `a__b` stands for the key `a.b`, and n, method and step for
+    the number of control points and the integrator's method and step."""
+    found: dict[str, object] = {}
     for part in values:
-        merged |= part
-    merged |= {SHORT.get(key) or key.replace("__", "."): value for key, value in more.items()}
-    return scene_from_values(merged)
+        found |= part
+    return found | {SHORT.get(key) or key.replace("__", "."): more[key] for key in more}
+
+
+def scene_of(*values, **more):
+    """A scene of merged values, see `merged`."""
+    return scene_from_values(merged(RESOLUTION, *values, **more))
 
 
 def simulator(*values, **more):

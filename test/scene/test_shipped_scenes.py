@@ -52,7 +52,7 @@ def test_readers_of_yaml_1_1_see_the_same_values(name):
 
 
 def test_paper_wire_is_the_scene_of_the_paper():
-    scene = load_scene(shipped_scene("paper_wire"))
+    scene = load_scene("paper_wire")
     assert (scene.cable.length, scene.cable.diameter, scene.cable.density) == (2.0, 0.002, 2700.0)
     assert (scene.cable.youngs_modulus, scene.cable.shear_modulus) == (69e9, 26e9)
     assert scene.discretization.control_points == 9
@@ -68,11 +68,11 @@ def test_paper_wire_is_the_scene_of_the_paper():
 
 
 def test_second_scenario_adds_only_the_force():
-    scene = load_scene(shipped_scene("paper_wire_force"))
+    scene = load_scene("paper_wire_force")
     load = scene.load("centre")
     assert (load.type, load.position, load.signal) == ("force", 0.5, "sine")
     assert (load.force, load.frequency) == ((0.0, 0.1, 0.0), 1.0)
-    assert scene.with_values({"loads.names": []}) == load_scene(shipped_scene("paper_wire"))
+    assert scene.with_values({"loads.names": []}) == load_scene("paper_wire")
 
 
 def test_hanging_cable_is_the_identified_cable():
@@ -82,7 +82,7 @@ def test_hanging_cable_is_the_identified_cable():
         *(0.6, 0.23, 0.6, 0.02),
         *(0.1965, 0.1421, 1.2391, 0.0347224207914685),
     )
-    scene = load_scene(shipped_scene("hanging_cable"))
+    scene = load_scene("hanging_cable")
     assert scene.cable.mu * scene.cable.length == pytest.approx(mass)
     assert (scene.end.mass, scene.cable.length, scene.cable.diameter) == (
         end_mass,
@@ -101,7 +101,7 @@ def test_hanging_cable_is_the_identified_cable():
 
 def test_hanging_cable_bends_as_the_authors_draw_it():
     """Their shape, x = -L int sin(alpha), z = -L int cos(alpha), turns about +y from (0, 0, -1)."""
-    scene = load_scene(shipped_scene("hanging_cable"))
+    scene = load_scene("hanging_cable")
     k0, k1 = scene.cable.rest_curvature
     s = (np.arange(4000) + 0.5) / 4000
     alpha = scene.cable.length * (k0 * s + (k1 - k0) * s**2 / 2.0)[:, None]
@@ -113,7 +113,7 @@ def test_hanging_cable_bends_as_the_authors_draw_it():
 
 
 def test_two_grippers_leave_the_cable_slack():
-    scene = load_scene(shipped_scene("two_grippers"))
+    scene = load_scene("two_grippers")
     assert math.dist(scene.start.position, scene.end.position) == pytest.approx(0.8)
     assert scene.cable.length == 1.0
     assert (scene.start.pose_topic, scene.end.pose_topic) == ("~/start/pose", "~/end/pose")

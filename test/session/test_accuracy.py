@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from cables import merged
 from fake_simulator import FakeSimulator
 from session_bench import FREE, MS, SECOND, FakeEstimate
 
@@ -30,8 +31,7 @@ def estimates(monkeypatch):
 
 
 def session(live=True, **changes) -> Session:
-    scene = scene_from_values({**FREE, **{k.replace("__", "."): v for k, v in changes.items()}})
-    return Session(scene, FakeSimulator, live=live)
+    return Session(scene_from_values(merged(FREE, **changes)), FakeSimulator, live=live)
 
 
 def found(one: Session) -> tuple[int, str, dict[str, str]]:

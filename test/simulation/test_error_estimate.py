@@ -10,12 +10,12 @@ from threading import Event
 
 import numpy as np
 import pytest
-from cables import move
+from cables import merged, move
 from closed_forms import Rod, cantilever_tip
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scene
+from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values
 from dlo_sim.simulation.error_estimate import LOOK, MOST_BEHIND, ErrorEstimate
 from dlo_sim.simulation.recording import record
 from dlo_sim.simulation.simulator import Simulator
@@ -31,9 +31,7 @@ U = np.linspace(0.0, 1.0, 20)
 
 
 def shipped(name: str, **changes: object) -> Scene:
-    """A shipped scene; `a__b` stands for the key `a.b`."""
-    values = {key.replace("__", "."): value for key, value in changes.items()}
-    return load_scene(shipped_scene(name), values)
+    return load_scene(name, merged(**changes))
 
 
 def swing(scene: Scene, end: str, axis: int) -> list[EndMotion]:
@@ -287,7 +285,7 @@ def test_motions_given_in_advance_move_the_companions_too():
 def test_companions_repeat_loads_jumps_and_grasps_at_their_time():
     """Nested calls are repeated once; arguments that the caller changes later are those given."""
     values = {"grasps.names": ["hand"], "grasps.hand.at": 0.5, "grasps.hand.position": [0.5, 0, 0]}
-    scene = load_scene(shipped_scene("two_grippers"), values | {"grasps.hand.taken": False})
+    scene = load_scene("two_grippers", values | {"grasps.hand.taken": False})
     scene = scene.with_values({"loads.names": ["push"], "loads.push.type": "force"})
     simulator = Simulator(scene)
     estimate = ErrorEstimate(simulator)

@@ -11,7 +11,7 @@ from corpus import EVERYDAY, checked, draw_at_rest
 
 from dlo_sim.batch.batch import simulate_batch
 from dlo_sim.core import bspline
-from dlo_sim.scene.loading import load_scene, scene_from_values, shipped_scene
+from dlo_sim.scene.loading import load_scene, scene_from_values
 from dlo_sim.simulation.recording import record
 from dlo_sim.simulation.resolution import FEWEST, MOST, resolved
 from dlo_sim.simulation.simulator import Simulator
@@ -206,7 +206,7 @@ def test_what_bends_the_cable_more_sharply_needs_more(finer, changes):
 
 
 def test_poses_do_not_change_the_number():
-    scene = load_scene(shipped_scene("two_grippers"), OPEN)
+    scene = load_scene("two_grippers", OPEN)
     poses = {"end": (np.array([0.3, 0.2, 0.4]), np.array([0.0, 0.0, 0.0, 1.0]))}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dlo_sim.batch.workers import HERE
-from dlo_sim.scene.loading import load_scene, shipped_scene
+from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies import Request
 from dlo_sim.studies import report as report_module
@@ -93,7 +93,7 @@ def test_the_largest_value_that_holds_is_bracketed():
 
 
 def test_step_cost_resets_and_refuses_a_failed_run():
-    wire = load_scene(shipped_scene("paper_wire"), {"integrator.method": "velocity_verlet"})
+    wire = load_scene("paper_wire", {"integrator.method": "velocity_verlet"})
     simulator = Simulator(wire)
     cost = step_cost(simulator, 1e-4, 3)
     assert 0.0 < cost.best and 0.0 <= cost.spread

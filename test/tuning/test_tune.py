@@ -15,7 +15,6 @@ from dlo_sim.scene.loading import (
     load_scene,
     scene_from_values,
     scene_values,
-    shipped_scene,
     shipped_scenes,
 )
 from dlo_sim.scene.plain_yaml import parse_yaml
@@ -137,7 +136,7 @@ def test_nothing_within_the_tolerance_is_status_3_and_writes_nothing(tmp_path, c
 
 @pytest.mark.parametrize("name", shipped_scenes())
 def test_written_scenes_read_back_the_same(name, tmp_path):
-    scene = load_scene(shipped_scene(name))
+    scene = load_scene(name)
     path = tmp_path / "scene.yaml"
     path.write_text(scene_text(scene, ["a line", ""]), encoding="utf-8")
     assert load_scene(path) == scene
@@ -178,7 +177,7 @@ def test_timing_again_keeps_the_least():
 
 
 def _wire(overrides):
-    return load_scene(shipped_scene("paper_wire"), overrides)
+    return load_scene("paper_wire", overrides)
 
 
 def _quiet(fraction):
