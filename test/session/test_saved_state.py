@@ -251,28 +251,26 @@ def test_a_cable_lowered_onto_a_table_can_be_changed_and_goes_on(tmp_path):
     table = {"obstacles.names": ["table"], "obstacles.table.shape": "plane"}
     down = {"start.tangent": [0.0, 0.0, -1.0], "damping.mass": 5.0, "cable.diameter": 0.01}
     scene = scene_from_values(VALUES | above | table | down)
-    poses = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
 
-    def lower(session, begin_ns, duration_ns, first, last):
-        for now in range(begin_ns, begin_ns + duration_ns, 10 * MS):
-            height = first + (last - first) * (now - begin_ns) / duration_ns
-            session.receive("/pose", poses.encode(now, (0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0)), now)
-            session.tick(now)
+    def lower(session, begin_ns, end_ns):
+        """From 0.5 m to 0.2 m within a second."""
+        path = poses("/pose", lambda t: (0.0, 0.0, max(0.5 - 0.3 * t, 0.2)), begin_ns, end_ns)
+        for _ in feed(session, path, begin_ns, end_ns, 10 * MS):
+            pass
 
     session = Session(scene)
-    lower(session, T0, SECOND, 0.5, 0.2)
-    lower(session, T0 + SECOND, SECOND, 0.2, 0.2)
+    lower(session, T0, T0 + 2 * SECOND)
     lying = session.simulator.control_points
     assert (lying[:, 2] > 0.0).all()
     session.reconfigure(scene.with_values({"damping.mass": 6.0}))
     np.testing.assert_allclose(session.simulator.control_points, lying, atol=1e-9)
     raised = {"obstacles.table.position": [0.0, 0.0, 0.11]}  # above where the scene has its end
     session.reconfigure(session.scene.with_values(raised))
-    lower(session, T0 + 2 * SECOND, SECOND, 0.2, 0.2)
+    lower(session, T0 + 2 * SECOND, T0 + 3 * SECOND)
     lying = session.simulator.control_points
     save_state(tmp_path / "state", session.saved)
     again = Session(session.scene, resume=load_state(tmp_path / "state", session.scene)[0])
-    lower(again, T0 + 5 * SECOND, 70 * MS, 0.2, 0.2)
+    lower(again, T0 + 5 * SECOND, T0 + 5 * SECOND + 70 * MS)
     assert dict(again.journal.events)["resumed"] == 1
     np.testing.assert_allclose(again.simulator.control_points, lying, atol=2e-3)
 
