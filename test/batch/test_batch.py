@@ -140,7 +140,7 @@ def test_a_scene_that_diverges_harms_no_other():
     assert result.samples[0] == len(result.time) and result.simulated[0] == 400 * STEP
 
 
-def test_methods_may_differ():
+def test_scenes_of_a_batch_may_have_different_methods():
     implicit = wire(1, **{"integrator.method": "energy_momentum", "integrator.step": 2e-3})
     result = simulate_batch([wire(0), implicit], 0.01, processes=1)
     assert result.method == ("forest_ruth", "energy_momentum")
@@ -149,7 +149,7 @@ def test_methods_may_differ():
     np.testing.assert_array_equal(result.control_points[1, -1], sim.control_points)
 
 
-def test_refused():
+def test_batches_that_cannot_be_are_refused():
     with pytest.raises(ValueError, match="scenes: there are none"):
         simulate_batch([], 1.0)
     with pytest.raises(ValueError, match="scene 1 has 9 control points, scene 0 has 13"):

@@ -101,13 +101,13 @@ def test_velocities_are_derivatives(motion, t):
         ({"duration": -0.1}, "negative"),
     ],
 )
-def test_refuses(change, text):
+def test_a_motion_that_cannot_be_is_refused(change, text):
     values = {"start": 0.0, "duration": 1.0, "position": np.zeros(3), "orientation": [0, 0, 0, 1]}
     with pytest.raises(ValueError, match=text):
         EndMotion(**(values | change))
 
 
-def test_cannot_be_changed_behind_its_back():
+def test_a_motion_cannot_be_changed_behind_its_back():
     given = {name: np.zeros(3) for name in ("position", "velocity", "acceleration")}
     motion = EndMotion(start=0.0, duration=1.0, orientation=[0, 0, 0, 1], **given)
     for name, value in given.items():

@@ -154,7 +154,7 @@ class World:
 
 
 @given(st.sampled_from(("point_cloud", "pose_array")), st.randoms(use_true_random=False))
-def test_bad_messages(kind, rng):
+def test_no_message_makes_a_session_raise_or_publish_nonsense(kind, rng):
     world = World(kind)
     for _ in range(100):
         world.send(rng)
@@ -223,7 +223,7 @@ PARAMETER_SETS = st.lists(
 
 
 @given(PARAMETER_SETS)
-def test_parameters_of_a_running_session(changes):
+def test_any_parameters_are_taken_or_refused_in_one_line(changes):
     session, now = Session(scene_from_values({**SMALL, "start.pose_topic": ""})), T0
     for values in changes:
         try:
@@ -249,7 +249,7 @@ def bags(tmp_path_factory):
 
 
 @given(st.sampled_from(STORAGES), st.randoms(use_true_random=False))
-def test_damaged_bags(bags, tmp_path_factory, storage, rng):
+def test_a_damaged_bag_is_replayed_or_refused_in_one_line(bags, tmp_path_factory, storage, rng):
     path = tmp_path_factory.mktemp("damaged") / "bag"
     shutil.copytree(bags / storage, path)
     for _ in range(rng.choice((1, 1, 3))):

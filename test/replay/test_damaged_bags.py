@@ -75,7 +75,7 @@ METADATA = {
 
 
 @pytest.mark.parametrize("complaint", METADATA)
-def test_metadata(make_bag, recorded, complaint):
+def test_damaged_metadata_are_named_and_all_messages_read(make_bag, recorded, complaint):
     path = make_bag()
     file = path / "metadata.yaml"
     data = file.read_bytes()
@@ -86,7 +86,7 @@ def test_metadata(make_bag, recorded, complaint):
     assert found == recorded
 
 
-def test_metadata_that_is_a_pipe(make_bag, recorded):
+def test_metadata_that_are_a_pipe_are_not_waited_for(make_bag, recorded):
     path = make_bag()
     (path / "metadata.yaml").unlink()
     os.mkfifo(path / "metadata.yaml")

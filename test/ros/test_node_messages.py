@@ -23,7 +23,7 @@ def node(running: Callable[..., NodeProcess]) -> NodeProcess:
     return running(CABLE)
 
 
-def test_control_points(peer: Peer) -> None:
+def test_control_points_come_in_order_and_hang_from_the_start(peer: Peer) -> None:
     received = peer.collect(PoseArray, "/dlo_sim/control_points")
     peer.until(lambda: len(received) >= 10, "control points")
     stamps = [m.header.stamp.sec + m.header.stamp.nanosec * 1e-9 for m in received]
@@ -49,7 +49,7 @@ def test_control_points(peer: Peer) -> None:
         assert math.hypot(q.x, q.y, q.z, q.w) == pytest.approx(1.0, abs=1e-12)
 
 
-def test_markers(peer: Peer) -> None:
+def test_markers_show_the_line_and_the_polygon(peer: Peer) -> None:
     lines = peer.collect(Marker, "/dlo_sim/centerline")
     polygons = peer.collect(Marker, "/dlo_sim/control_polygon")
     peer.until(lambda: len(lines) >= 3 and len(polygons) >= 3, "markers")

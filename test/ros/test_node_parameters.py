@@ -192,7 +192,7 @@ def test_an_end_that_is_let_go_has_no_reaction_topic(peer: Peer) -> None:
     peer.until(lambda: not advertised(), "the end of the topic")
 
 
-def test_another_rate(peer: Peer) -> None:
+def test_the_node_ticks_at_another_rate_once_it_is_set(peer: Peer) -> None:
     assert peer.set({"rate": 50.0}).successful
     peer.status(
         "/dlo_sim: node",

@@ -50,7 +50,7 @@ def found(one: Session) -> tuple[int, str, dict[str, str]]:
     ("live", "setting", "expected"),
     [(True, "auto", True), (False, "auto", True), (False, "on", True), (True, "off", False)],
 )
-def test_who_estimates(estimates, live, setting, expected):
+def test_every_session_estimates_its_error_unless_it_is_off(estimates, live, setting, expected):
     one = session(live, accuracy__estimate=setting)
     one.tick(T0)
     one.tick(T0 + 5 * MS)

@@ -51,7 +51,7 @@ def test_string_deflection_in_the_small():
     # Timoshenko & Gere, table 2-4: slope at the ends, P / Pcr, 1 - shortening
     [(40.0, 1.063, 0.881), (60.0, 1.152, 0.741), (100.0, 1.518, 0.349)],
 )
-def test_elastica(angle, load, gap):
+def test_a_buckled_elastica_has_the_gap_of_the_table(angle, load, gap):
     assert closed_forms.elastica_gap(load) == pytest.approx(gap, abs=2e-3)
 
 

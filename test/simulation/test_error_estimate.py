@@ -95,7 +95,7 @@ def test_total_error_of_shipped_scenes(name):
         ("hanging_cable", {"integrator__step": 5e-3}),
     ],
 )
-def test_time_error(name, changes):
+def test_the_error_of_the_step_alone_is_estimated(name, changes):
     simulator = Simulator(shipped(name, **changes))
     estimate = ErrorEstimate(simulator)
     points = run(name, estimate, simulator)

@@ -155,7 +155,7 @@ def test_what_grippers_can_pull_taut_bounds_the_spans():
     assert number_of(drawn_round(0.002, **held | itself | soft)) == math.ceil(0.6 / 0.0032) + 3
 
 
-def test_bounds():
+def test_the_number_stays_between_the_fewest_and_the_most():
     short = {"cable.length": 0.05, "end.position": [0.05, 0.0, 0.0]}
     assert number_of(scene_of(OPEN, short, {"accuracy.target": 0.01})) == FEWEST
     scene, why = resolved(scene_of(ROPE, OPEN, {"accuracy.target": 1e-9}))

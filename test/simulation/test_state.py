@@ -93,7 +93,7 @@ def test_restoring_goes_on_with_the_same_bits(method, scene):
 
 
 @pytest.mark.parametrize(("method", "scene"), CASES, ids=IDS)
-def test_reset_starts_over(method, scene):
+def test_a_reset_starts_over_with_the_same_bits(method, scene):
     sim = moving(method, scene)
     sim.advance_steps(60)
     expected = everything(sim)

@@ -37,7 +37,7 @@ def report(tmp_path):
         (float("nan"), "nan"),
     ],
 )
-def test_cells_for_people(cell, text):
+def test_numbers_in_cells_are_short_enough_for_people(cell, text):
     assert shown(cell) == text
 
 
