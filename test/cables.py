@@ -17,7 +17,6 @@ from dlo_sim.simulation.geometry import geometries_of
 from dlo_sim.simulation.natural_shape import local_turn, natural_rows, turned_rows, weighted
 from dlo_sim.simulation.simulator import Simulator
 
-# Methods of the elastic cable by name.
 # Stretching, bending, gravity and a point load; the start is clamped along x, the end is free.
 SOFT = {
     "cable.length": 1.0,
@@ -40,6 +39,14 @@ FULL = SOFT | {
     "end.pose_topic": "/end_pose",
     "end.spring": [30.0, 20.0, 10.0],
 }
+CLAMPED = FULL | {  # both ends by clamps, askew
+    "end.spring": [0.0, 0.0, 0.0],
+    "end.fixed": [True, True, True],
+    "end.clamped": True,
+    "end.position": [0.8, 0.1, 0.2],
+    "start.tangent": [0.6, 0.0, 0.8],
+    "end.tangent": [0.0, 0.8, -0.6],
+}
 NATURAL = {  # that only implicit methods know
     "cable.rest_curvature": [0.5, -1.0, 2.0],
     "cable.rest_curvature_axis": [0.6, 0.0, 0.8],
@@ -49,6 +56,20 @@ TWISTED = {"terms.twist": "frenet", "torsion.curvature_floor": 1e5}
 BENT = FULL | NATURAL | TWISTED
 MASS_DAMPED = FULL | {"damping.mass": 0.8}
 FULLY_DAMPED = MASS_DAMPED | {"damping.stiffness": 2e-3, "damping.air_drag": 0.05}
+
+# Free along x; friction with what comes below it.
+LYING = {
+    "cable.length": 0.3,
+    "cable.diameter": 0.006,
+    "cable.youngs_modulus": 2e6,
+    "start.fixed": [False] * 3,
+    "end.position": [0.3, 0.0, 0.0],
+    "discretization.control_points": 9,
+    "damping.mass": 1.0,
+    "integrator.step": 5e-3,
+    "integrator.method": "energy_momentum",
+    "contact.friction": 0.5,
+}
 
 # Stretching by its means over spans, of a cable that would lock otherwise.
 BY_SPAN = {"discretization.stretch": "span", "cable.axial_stiffness": 3e3}
@@ -63,23 +84,15 @@ SINE_LOAD = {
     "loads.tip.torque": [0.02, 0.01, -0.02],
 }
 MOTIONS = {
-    "start": EndMotion(
-        start=0.0,
-        duration=0.2,
-        position=[0, 0, 0],
-        orientation=[0, 0, 0, 1],
+    "start": EndMotion.resting([0.0, 0.0, 0.0]).then(
+        0.2,
         velocity=[0.1, -0.3, 0.2],
         acceleration=[6.0, 4.0, -8.0],
         angular_velocity=[2.0, 0, 0],
         angular_acceleration=[60.0, 0.0, 0.0],
     ),
-    "end": EndMotion(
-        start=0.0,
-        duration=0.2,
-        position=[1.0, 0, 0],
-        orientation=[0, 0, 0, 1],
-        velocity=[0.2, 0.1, -0.5],
-        acceleration=[-8.0, 6.0, 12.0],
+    "end": EndMotion.resting([1.0, 0.0, 0.0]).then(
+        0.2, velocity=[0.2, 0.1, -0.5], acceleration=[-8.0, 6.0, 12.0]
     ),
 }
 
@@ -87,19 +100,25 @@ MOTIONS = {
 RESOLUTION = {"discretization.control_points": 13, "discretization.knots": "uniform"}
 
 
-def scene_of(*values, **more):
-    """A scene of merged values; method, step and n are short for the integrator's method and step
-    and the number of control points."""
-    names = {
-        "method": "integrator.method",
-        "step": "integrator.step",
-        "n": "discretization.control_points",
-    }
-    merged: dict[str, object] = dict(RESOLUTION)
+SHORT = {
+    "method": "integrator.method",
+    "step": "integrator.step",
+    "n": "discretization.control_points",
+}
+
+
+def merged(*values, **more):
+    """Merged values; of more of them `a__b` stands for the key `a.b`, and n, method and step for
+    the number of control points and the integrator's method and step."""
+    found: dict[str, object] = {}
     for part in values:
-        merged |= part
-    merged |= {names[key]: value for key, value in more.items()}
-    return scene_from_values(merged)
+        found |= part
+    return found | {SHORT.get(key) or key.replace("__", "."): more[key] for key in more}
+
+
+def scene_of(*values, **more):
+    """A scene of merged values, see `merged`."""
+    return scene_from_values(merged(RESOLUTION, *values, **more))
 
 
 def simulator(*values, **more):
@@ -311,6 +330,14 @@ def set_state(sim, points=None, rates=None):
         )
 
 
+def momenta(sim):
+    """Momentum [kg m/s] and angular momentum about the origin [kg m^2/s] of the centerline, with
+    the masses at its ends."""
+    points, rates = sim.control_points[:, :3], sim.velocities[:, :3]
+    impulses = mass.multiply(sim.model.mass(0), rates)
+    return impulses.sum(axis=0), np.cross(points, impulses).sum(axis=0)
+
+
 def rotation(vector):
     """Rotation matrix exp([vector]) by its series-free formula."""
     vector = np.asarray(vector, dtype=float)
@@ -320,9 +347,16 @@ def rotation(vector):
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
+def weight(sim):
+    """Of the cable [N]."""
+    return sim.scene.cable.mu * sim.scene.cable.length * np.linalg.norm(sim.scene.gravity)
+
+
 def move(sim, end, duration, **rates):
     """Let an end effector or obstacle move from where it is for so long [s], with velocity,
-    acceleration, angular_velocity and angular_acceleration."""
-    place = dict(zip(("position", "orientation"), sim.end_pose(end), strict=True))
-    start = getattr(sim, "simulator", sim).time  # of an error estimate
-    sim.set_motion(end, EndMotion(start=start, duration=duration, **place, **rates))
+    acceleration, angular_velocity and angular_acceleration; the motion."""
+    now = getattr(sim, "simulator", sim).time  # of an error estimate
+    position, orientation = sim.end_pose(end)
+    motion = EndMotion.resting(position, orientation, now).then(duration, **rates)
+    sim.set_motion(end, motion)
+    return motion

@@ -2,7 +2,7 @@
 
 from cables import SOFT, scene_of
 
-from dlo_sim.scene.loading import load_scene, shipped_scene
+from dlo_sim.scene.loading import load_scene
 
 STEP = 8e-6  # [s] of the wire
 
@@ -17,7 +17,7 @@ def wire(k, **more):
         "start.spring": [1e4 / (1 + k), 0.0, 0.0],
         "integrator.step": STEP,
     }
-    return load_scene(shipped_scene("paper_wire"), values | more)
+    return load_scene("paper_wire", values | more)
 
 
 def pulled(k, **more):

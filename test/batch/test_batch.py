@@ -91,20 +91,6 @@ def test_poses_that_do_not_fit_are_refused(poses, text):
         simulate_batch(scenes, 0.2, poses=poses, processes=1)
 
 
-def test_samples_are_those_of_a_single_run():
-    scenes = [pulled(k) for k in range(3)]
-    every = 7.3e-3  # never a whole number of steps
-    result = simulate_batch(scenes, 0.1, every=every, processes=1)
-    assert result.time.tolist() == [k * every for k in range(14)]
-    sim = Simulator(scenes[1])
-    for time, points in zip(result.time, result.control_points[1], strict=True):
-        while sim.time + sim.step <= time:
-            sim.advance_steps(1)
-        before, slope = sim.control_points, sim.velocities
-        # The cubic between two steps is within h^2 of the line along the velocity.
-        np.testing.assert_allclose(points, before + (time - sim.time) * slope, rtol=0, atol=1e-5)
-
-
 def test_scenes_do_not_depend_on_their_neighbours():
     scenes = [wire(k) for k in range(10)]
     together = simulate_batch(scenes, 100 * STEP, processes=1)
@@ -154,16 +140,7 @@ def test_a_scene_that_diverges_harms_no_other():
     assert result.samples[0] == len(result.time) and result.simulated[0] == 400 * STEP
 
 
-def test_each_scene_takes_its_own_step():
-    free = {"integrator.step": 0.0}
-    scenes = [wire(k, **free) for k in (0, 6, 3)] + [wire(0)]
-    result = simulate_batch(scenes, 50 * STEP, processes=1)
-    own = [Simulator(scene).step for scene in scenes]
-    assert own[0] != own[1]
-    assert result.step.tolist() == own and own[3] == STEP
-
-
-def test_methods_may_differ():
+def test_scenes_of_a_batch_may_have_different_methods():
     implicit = wire(1, **{"integrator.method": "energy_momentum", "integrator.step": 2e-3})
     result = simulate_batch([wire(0), implicit], 0.01, processes=1)
     assert result.method == ("forest_ruth", "energy_momentum")
@@ -172,7 +149,7 @@ def test_methods_may_differ():
     np.testing.assert_array_equal(result.control_points[1, -1], sim.control_points)
 
 
-def test_refused():
+def test_batches_that_cannot_be_are_refused():
     with pytest.raises(ValueError, match="scenes: there are none"):
         simulate_batch([], 1.0)
     with pytest.raises(ValueError, match="scene 1 has 9 control points, scene 0 has 13"):
@@ -191,21 +168,3 @@ def test_refused():
         wrong[4, column] = np.nan if column == 0 else 0.1
         with pytest.raises(ValueError, match=f"initial 0: control points: .*{match}"):
             simulate_batch([wire(0)], 1.0, initial=[(wrong, 0.0 * wrong)], processes=1)
-
-
-def test_a_batch_judges_by_the_floor_of_a_single_run():
-    """Small waves along a stiff wire far from the origin: less energy than round-off leaves
-    certain, so the share that the account is open by is counted by its floor."""
-    ends = {"start.position": [10.0, 0.0, 0.0], "end.position": [12.0, 0.0, 0.0]}
-    scene = wire(0, gravity=[0.0, 0.0, 0.0], **ends)
-    rates = np.zeros((13, 4))
-    rates[2:-2, 0] = 1e-5
-    start = Simulator(scene).control_points, rates
-    duration = 600 * STEP
-    sim = Simulator(scene)
-    sim.start_from(*start)
-    assert sim.advance(duration).status.ok
-    assert sim.cable.account.floor > 3.0 * sim.cable.account.exchanged
-    result = simulate_batch([scene], duration, initial=[start], processes=1)
-    assert 0.0 < result.energy_error[0] < 1e-3
-    assert sim.energy_error < 1e-3

@@ -6,105 +6,98 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from bag_files import write_bag
 from progress import rises, shown_progress
 
 from dlo_sim.cli.main import main
 from dlo_sim.demo import scenario
 from dlo_sim.replay import replay
-from dlo_sim.replay.bags import BagWriter
 from dlo_sim.replay.comparison import AxisComparison
 
 JSON_KEYS = {"status", "message", "messages_used", "messages_refused", "real_time_factor"}
 ARGUMENTS = ["replay", "in.bag", "--params", "hanging_cable", "--output", "out.bag"]
 
 
+MADE = replay.ReplaySummary(
+    output="out.bag",
+    messages_used=600,
+    messages_refused=3,
+    refused_by_reason={"not_finite": 2, "too_fast": 1},
+    simulated_s=9.9,
+    wall_s=0.1,
+    real_time_factor=99.0,
+)
+
+
 @pytest.fixture
-def replayer(monkeypatch):
-    """Stands in for the replay; `result` is returned or raised, `calls` remembers the question."""
+def replayed(monkeypatch, capsys):
+    """`replayed(*options, **changes)`: exit status, both outputs and what the replay was asked for,
+    where it makes MADE with these changes."""
 
-    class StandIn:
-        result = replay.ReplaySummary(
-            output="out.bag",
-            messages_used=600,
-            messages_refused=3,
-            refused_by_reason={"not_finite": 2, "too_fast": 1},
-            simulated_s=9.9,
-            wall_s=0.1,
-            real_time_factor=99.0,
-        )
-        calls: list[tuple] = []
+    def run(*options, **changes):
+        asked = []
 
-        def __call__(self, bag, scene, output, *, compare=None, progress=None):
-            self.calls.append((bag, scene, output, compare))
-            if isinstance(self.result, Exception):
-                raise self.result
-            return self.result
+        def made_up(bag, scene, output, *, compare=None, progress=None):
+            asked.extend((bag, scene, output, compare))
+            return replace(MADE, **changes)
 
-    stand_in = StandIn()
-    stand_in.calls = []
-    monkeypatch.setattr(replay, "replay_bag", stand_in)
-    return stand_in
+        monkeypatch.setattr(replay, "replay_bag", made_up)
+        status = main([*ARGUMENTS, *options])
+        return status, *capsys.readouterr(), asked
+
+    return run
 
 
-def test_arguments_reach_the_replay(replayer):
-    more = ["--set", "rate=100", "--compare", "start=/ft_compensated"]
-    assert main([*ARGUMENTS, *more]) == 0
-    ((bag, scene, output, compare),) = replayer.calls
+def test_arguments_reach_the_replay(replayed):
+    *_, asked = replayed("--set", "rate=100", "--compare", "start=/ft_compensated")
+    bag, scene, output, compare = asked
     assert (bag, output) == (Path("in.bag"), Path("out.bag"))
     assert scene.rate == 100.0 and scene.start.pose_topic == "/gripper_pose"
     assert compare == {"start": "/ft_compensated"}
 
 
-def test_report_for_people_with_the_comparison(replayer, capsys):
+def test_report_for_people_with_the_comparison(replayed):
     numbers = dict.fromkeys(AxisComparison.__dataclass_fields__, 0.5)
-    replayer.result.comparison = {"start": [AxisComparison(**{**numbers, "axis": "x"})]}
-    replayer.result.warnings = ["a silence of 5.0 s"]
-    assert main(ARGUMENTS) == 0
-    shown = capsys.readouterr().out
+    comparison = {"start": [AxisComparison(**{**numbers, "axis": "x"})]}
+    status, shown, *_ = replayed(comparison=comparison, warnings=["a silence of 5.0 s"])
+    assert status == 0
     for part in ("done, 9.900 s", "600 messages", "not_finite: 2", "99 x real", "silence of 5.0"):
         assert part in shown
     assert any(line.startswith("start ") for line in shown.splitlines())
 
 
-def test_json_is_the_last_line_and_strict(replayer, capsys):
-    replayer.result.real_time_factor = math.inf
-    assert main([*ARGUMENTS, "--json"]) == 0
-    values = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert JSON_KEYS <= set(values)
+def test_json_is_the_last_line_and_strict(replayed):
+    status, shown, *_ = replayed("--json", real_time_factor=math.inf)
+    values = json.loads(shown.splitlines()[-1])
+    assert status == 0 and JSON_KEYS <= set(values)
     assert (values["messages_used"], values["messages_refused"]) == (600, 3)
     assert values["real_time_factor"] is None
 
 
-@pytest.mark.parametrize("status", ["diverged", "truncated", "refused"])
-def test_part_of_a_replay_is_reported_with_its_reason(replayer, capsys, status):
-    replayer.result.status = status
-    replayer.result.message = "only 3.2 s could be used"
-    assert main(ARGUMENTS) == 3
-    out, err = capsys.readouterr()
-    assert "only 3.2 s could be used" in out
-    assert err == f"dlo_sim: {status}: only 3.2 s could be used\n"
+@pytest.mark.parametrize("kind", ["diverged", "truncated", "refused"])
+def test_part_of_a_replay_is_reported_with_its_reason(replayed, kind):
+    status, out, err, _ = replayed(status=kind, message="only 3.2 s could be used")
+    assert status == 3 and "only 3.2 s could be used" in out
+    assert err == f"dlo_sim: {kind}: only 3.2 s could be used\n"
 
 
-def test_refused_bag_is_one_line(replayer, capsys):
-    replayer.result = replay.ReplayError("bag in.bag is empty: it has\nno topic")
-    assert main([*ARGUMENTS, "--json"]) == 2
+def test_a_refused_bag_is_one_line(tmp_path, capsys):
+    write_bag(tmp_path / "bag", [], {})
+    command = ["replay", str(tmp_path / "bag"), "--params", "hanging_cable", "--json"]
+    assert main(command) == 2
     out, err = capsys.readouterr()
-    assert out == ""
-    assert err == "dlo_sim: error: bag in.bag is empty: it has no topic\n"
+    assert out == "" and err.startswith("dlo_sim: error: ") and err.count("\n") == 1
 
 
 def written(folder, duration):
     """A bag of the demo's motion, so long [s], and its scene."""
     bag, scene = folder / "bag", folder / "scene.yaml"
     scene.write_text(scenario.SCENE)
-    writer = BagWriter(bag, scenario.TOPICS, "mcap")
-    for message in scenario.messages(duration):
-        writer.write(message.topic, message.time_ns, message.data)
-    writer.finish()
-    return bag, scene
+    return write_bag(bag, scenario.messages(duration), scenario.TOPICS), scene
 
 
 def test_a_real_replay_shows_its_progress(tmp_path, monkeypatch):

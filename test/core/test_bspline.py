@@ -16,12 +16,6 @@ def coordinates(n, count=57):
     return np.concatenate((rng.uniform(0.0, LENGTH, count), breaks))
 
 
-def full_basis(knots, u, derivative=0):
-    """Values of all basis functions, shape (m, n)."""
-    n = len(knots) - 4
-    return bspline.evaluate(np.eye(n), knots, u, derivative)
-
-
 def test_graded_spans_share_the_density_of_knots():
     def density(u):
         return 1.0 + 4.0 * np.exp(-u / 0.2) + 1.5 * np.exp((u - LENGTH) / 0.2)
@@ -51,23 +45,6 @@ def test_values_and_derivatives_agree_with_scipy(n):
         ours = bspline.evaluate(points, knots, u, derivative)
         scale = (n / LENGTH) ** derivative
         assert np.allclose(ours / scale, spline(u, derivative) / scale, rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize("n", SIZES)
-def test_partition_of_unity(n):
-    knots = bspline.clamped_knots(n, LENGTH)
-    basis = full_basis(knots, coordinates(n))
-    assert np.allclose(basis.sum(axis=1), 1.0, rtol=0, atol=4e-15)
-    assert basis.min() >= -1e-15
-
-
-@pytest.mark.parametrize("derivative", [1, 2, 3])
-@pytest.mark.parametrize("n", SIZES)
-def test_derivatives_sum_to_zero(n, derivative):
-    knots = bspline.clamped_knots(n, LENGTH)
-    basis = full_basis(knots, coordinates(n), derivative)
-    assert np.abs(basis).max() > 1.0
-    assert np.abs(basis.sum(axis=1)).max() < 1e-13 * np.abs(basis).max()
 
 
 @pytest.mark.parametrize("n", SIZES)

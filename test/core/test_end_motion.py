@@ -95,25 +95,19 @@ def test_velocities_are_derivatives(motion, t):
     ("change", "text"),
     [
         ({"position": np.zeros((3, 3))}, r"position: needs 3 finite numbers \(m\)"),
-        ({"acceleration": 2.0}, r"end motion: acceleration: needs 3 finite numbers \(m/s\^2\)"),
-        ({"velocity": [0, 0, np.inf]}, r"end motion: velocity: needs 3 finite"),
         ({"angular_velocity": np.zeros(4)}, r"angular_velocity: needs 3 finite .* \(rad/s\)"),
-        ({"angular_acceleration": np.zeros(2)}, r"angular_acceleration: needs 3 finite numbers"),
         ({"orientation": [0, 0, 0, 0.9]}, "norm 0.9"),
-        ({"orientation": [np.nan, 0, 0, 1]}, "orientation: needs 4 finite"),
-        ({"position": np.full(3, np.inf)}, "position: needs 3 finite"),
         ({"position": [1e300, 0, 0]}, r"beyond 1e\+08 m"),
-        ({"start": np.nan}, "start: needs a finite"),
         ({"duration": -0.1}, "negative"),
     ],
 )
-def test_refuses(change, text):
+def test_a_motion_that_cannot_be_is_refused(change, text):
     values = {"start": 0.0, "duration": 1.0, "position": np.zeros(3), "orientation": [0, 0, 0, 1]}
     with pytest.raises(ValueError, match=text):
         EndMotion(**(values | change))
 
 
-def test_cannot_be_changed_behind_its_back():
+def test_a_motion_cannot_be_changed_behind_its_back():
     given = {name: np.zeros(3) for name in ("position", "velocity", "acceleration")}
     motion = EndMotion(start=0.0, duration=1.0, orientation=[0, 0, 0, 1], **given)
     for name, value in given.items():

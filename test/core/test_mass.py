@@ -32,16 +32,6 @@ def test_gram_is_the_integral(n, derivative):
 
 
 @pytest.mark.parametrize("n", SIZES)
-def test_mass_sums_to_the_length_and_moments_to_their_integrals(n):
-    knots = bspline.clamped_knots(n, LENGTH)
-    band = mass.gram(knots)
-    ones, g = np.ones(n), bspline.greville(knots)
-    assert mass.dense(band).sum() == pytest.approx(LENGTH, rel=1e-14)
-    assert ones @ mass.multiply(band, g) == pytest.approx(LENGTH**2 / 2, rel=1e-13)
-    assert g @ mass.multiply(band, g) == pytest.approx(LENGTH**3 / 3, rel=1e-13)
-
-
-@pytest.mark.parametrize("n", SIZES)
 def test_lumped_keeps_the_mass_and_its_centre_but_not_its_inertia(n):
     knots = bspline.clamped_knots(n, LENGTH)
     band = mass.lumped(mass.gram(knots))

@@ -49,7 +49,7 @@ def test_angular_velocity_is_the_derivative_of_the_rotation(size):
     assert np.allclose([spin[2, 1], spin[0, 2], spin[1, 0]], omega, rtol=0.0, atol=1e-9)
 
 
-def test_normalized():
+def test_a_quaternion_becomes_a_unit_one_or_is_refused():
     assert np.allclose(one.normalized((0.0, 3.0, 0.0, -4.0)), (0.0, 0.6, 0.0, -0.8), rtol=1e-15)
     for nonsense in ((0.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0)):
         with pytest.raises(ValueError, match="zero or not finite"):

@@ -99,7 +99,7 @@ def test_one_at_a_time_gives_what_many_at_once_give():
         assert np.allclose(one, many, rtol=1e-14, atol=1e-22)
 
 
-def test_nonsense_is_refused():
+def test_what_is_no_rotation_is_refused():
     with pytest.raises(ValueError, match="zero or not finite"):
         r.normalized([0, 0, 0, 0])
     with pytest.raises(ValueError, match="zero or not finite"):

@@ -19,7 +19,7 @@ def circle(n, radius, stretch=1.0):
 
 
 @pytest.mark.parametrize("stretch", [0.9, 1.0, 1.2])
-def test_arc(stretch):
+def test_curvature_and_tension_of_a_stretched_arc(stretch):
     knots, points = circle(25, 0.25, stretch)
     found = Strain(knots, U)
     assert found.curvature(points) == pytest.approx(4.0, rel=0.02)

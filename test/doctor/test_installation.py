@@ -10,7 +10,7 @@ def test_this_installation_has_no_problem():
     assert len(levels) == 3 and "problem" not in levels
 
 
-def test_cache(tmp_path):
+def test_machine_code_is_there_or_why_it_is_not(tmp_path):
     mine = tmp_path / "abc"
     assert cache(tmp_path, mine, "").level == "note"
     mine.mkdir()
@@ -41,7 +41,7 @@ def test_cache(tmp_path):
         ({"ROS_LOCALHOST_ONLY": "1"}, ["ok", "note"], "only nodes on this machine"),
     ],
 )
-def test_environment_of_ros(variables, levels, what):
+def test_what_variables_of_ros_do_to_nodes_is_named(variables, levels, what):
     found = list(ros_environment(variables))
     assert [finding.level for finding in found] == levels
     assert what in found[-1].what

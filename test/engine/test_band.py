@@ -2,28 +2,17 @@
 
 import numpy as np
 import pytest
-from cables import BENT, SOFT, Bench
+from cables import BENT, CLAMPED, NATURAL, SOFT, TWISTED, Bench
+from cables import FREE as FREE_ENDS
 
 from dlo_sim.core import spectrum
 
-CLAMPS = BENT | {
-    "end.spring": [0.0, 0.0, 0.0],
-    "end.fixed": [True, True, True],
-    "end.clamped": True,
-    "end.position": [0.8, 0.1, 0.2],
-    "start.tangent": [0.6, 0.0, 0.8],
-    "end.tangent": [0.0, 0.8, -0.6],
-}
-FREE = BENT | {
-    "start.clamped": False,
-    "start.fixed": [False, False, False],
-    "start.pose_topic": "",
-}
+FREE = BENT | FREE_ENDS | {"start.pose_topic": ""}
 SCENES = {
     "free, spatial": FREE,
     "pinned": BENT | {"start.clamped": False},
     "planar clamp": SOFT,
-    "two clamps": CLAMPS,
+    "two clamps": CLAMPED | NATURAL | TWISTED,
 }
 
 

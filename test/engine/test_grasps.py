@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cables import BENT, Bench, rotation, straight
+from cables import CLAMPED, NATURAL, TWISTED, Bench, rotation, straight
 from numba import float64, void
 
 from dlo_sim.compiling.groups import grid
@@ -12,17 +12,8 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import grasps
 
 OFFSET = [0.02, -0.01, 0.03]
-TANGENTS = {"start": [0.6, 0.0, 0.8], "end": [0.0, 0.8, -0.6]}
-BOTH = BENT | {
-    "end.spring": [0.0, 0.0, 0.0],
-    "end.fixed": [True, True, True],
-    "end.clamped": True,
-    "end.position": [0.9, 0.1, 0.2],
-    "start.offset": OFFSET,
-    "end.offset": OFFSET,
-    "start.tangent": TANGENTS["start"],
-    "end.tangent": TANGENTS["end"],
-}
+TANGENTS = {end: CLAMPED[f"{end}.tangent"] for end in ("start", "end")}
+BOTH = CLAMPED | NATURAL | TWISTED | {"start.offset": OFFSET, "end.offset": OFFSET}
 
 
 @kernel(void, ARRAY, float64, ARRAY)

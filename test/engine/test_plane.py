@@ -1,6 +1,5 @@
 """Planar scenes compute with two coordinates: same energies, forces, stiffness as in space."""
 
-import elasticity
 import numpy as np
 import pytest
 from cables import SOFT, Bench, wild
@@ -43,13 +42,6 @@ def pair(request):
     return Bench(scene, n=12), Bench(scene, {"terms.out_of_plane": "on"}, n=12), request.param
 
 
-def test_two_coordinates_are_enough(pair):
-    planar, spatial, normal = pair
-    assert len(planar.axes) == 2
-    assert normal not in planar.axes
-    assert len(spatial.axes) == 3
-
-
 def test_energies_and_forces_equal_those_in_space(pair):
     planar, spatial, normal = pair
     points = in_plane(planar, normal)
@@ -59,20 +51,6 @@ def test_energies_and_forces_equal_those_in_space(pair):
     force = spatial.force(points)
     assert np.abs(force[:, normal]).max() < 1e-12
     assert np.abs(planar.force(points) - force).max() < 1e-12 * np.abs(force).max()
-
-
-def test_elastic_forces_equal_the_oracle(pair):
-    planar, _, normal = pair
-    knots, rule = planar.model.knots, planar.model.rule
-    first, second = (in_plane(planar, normal, seed) for seed in (0, 1))
-    # The oracle knows bending only: take the change of force that a change of EI makes.
-    stiff = Bench(values(normal), {"cable.bending_stiffness": 0.05}, n=12)
-    axis = tuple(np.eye(3)[normal])
-    bend = elasticity.Section(EI=0.03, rest_curvature=(0.5, -1.0, 2.0), rest_axis=axis)
-    for points in (first, second):
-        found = stiff.force(points) - planar.force(points)
-        expected = -elasticity.gradient(points, knots, rule, bend)
-        assert np.abs(found - expected).max() < 1e-10 * np.abs(expected).max()
 
 
 def test_stiffness_equals_that_in_space(pair):

@@ -96,14 +96,6 @@ def test_unstressed_cable_has_beta_times_its_stiffness(bench):
     assert np.allclose(found[:, 3], BETA * bench.force(turned + points)[:, 3], rtol=1e-11)
 
 
-def test_viscosity_is_linear_in_the_rates_and_in_beta():
-    points, rates = wild(Bench(STIFF, PLAIN, n=9)), some_rates(3)
-    single, double = (Bench(STIFF, PLAIN, {"damping.stiffness": b}, n=9) for b in (BETA, 2 * BETA))
-    once = viscous(single, points, rates)
-    assert np.allclose(viscous(double, points, rates), 2 * once, rtol=1e-9, atol=1e-12)
-    assert np.allclose(viscous(single, points, -3 * rates), -3 * once, rtol=1e-9, atol=1e-12)
-
-
 @pytest.mark.parametrize("rate", [0.01, 2.0, 500.0])
 @pytest.mark.parametrize("dim", ["off", "on"])
 def test_damping_of_bending_thins_with_its_rate(dim, rate):

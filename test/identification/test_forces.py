@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated_cables import poses
+from simulated_cables import bag_of, poses
 
 import dlo_sim
 from dlo_sim.batch.workers import HERE
@@ -13,8 +13,6 @@ from dlo_sim.identification.identify import identify
 from dlo_sim.identification.measurement import Measurement, MeasurementError, clamped_at
 from dlo_sim.identification.prediction import COMPUTATION, Sensor, predict
 from dlo_sim.identification.readers import read_recordings
-from dlo_sim.replay.bags import BagWriter
-from dlo_sim.session import cdr
 
 TIMES = np.arange(0.0, 2.0, 0.02)
 PATH = poses(TIMES, 1.0, 3)["start"]
@@ -109,21 +107,6 @@ def test_material_and_sensor_are_found_from_forces(moved):
 def test_a_force_of_two_grippers_is_refused(moved):
     with pytest.raises(FitError, match=r"held by start, end; .* set end\.fixed to"):
         fitted(moved, **{"end.fixed": [True, True, True]})
-
-
-def bag_of(folder, recording):
-    topics = {"/ft": cdr.WRENCH_STAMPED, "/gripper_pose": cdr.POSE_STAMPED}
-    writer = BagWriter(folder, topics, "mcap")
-    encoders = {topic: cdr.StampedEncoder(kind, "world") for topic, kind in topics.items()}
-    for time, force, pose in zip(
-        recording.times, recording.forces, recording.poses["start"], strict=True
-    ):
-        stamp = 10**12 + round(time * 1e9)
-        values = {"/ft": [*force, 0.0, 0.0, 0.0], "/gripper_pose": pose}
-        for topic, encoder in encoders.items():
-            writer.write(topic, stamp, encoder.encode(stamp, values[topic]))
-    writer.finish()
-    return folder
 
 
 def test_a_bag_of_a_wrench_gives_the_recording(moved, tmp_path):

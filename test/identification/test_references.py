@@ -2,8 +2,8 @@
 
 import numpy as np
 import robot_arm
-from simulated_cables import TRUTH, recorded
-from test_forces import HANGING, PATH, TIMES, bag_of
+from simulated_cables import TRUTH, bag_of, recorded
+from test_forces import HANGING, PATH, TIMES
 
 import dlo_sim
 from dlo_sim.identification.measurement import Measurement

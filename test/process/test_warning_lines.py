@@ -4,6 +4,8 @@ import subprocess
 import sys
 import textwrap
 
+import pytest
+
 CALL = """
 import sys, warnings
 from dlo_sim.batch.workers import open_workers
@@ -42,17 +44,13 @@ def stderr_of(tmp_path, code, *options):
     return done.stderr.splitlines()
 
 
-def test_a_command_warns_in_lines(tmp_path):
-    assert stderr_of(tmp_path, CALL + AS_COMMAND.format(room="cli", entry="main")) == LINES
-
-
-def test_the_node_warns_in_lines(tmp_path):
-    assert stderr_of(tmp_path, CALL + AS_COMMAND.format(room="ros", entry="node")) == LINES
-
-
-def test_filters_of_python_still_apply(tmp_path):
-    command = CALL + AS_COMMAND.format(room="cli", entry="main")
-    assert stderr_of(tmp_path, command, "-W", "ignore") == []
+@pytest.mark.parametrize(
+    ("room", "entry", "options", "lines"),
+    [("cli", "main", (), LINES), ("ros", "node", (), LINES), ("cli", "main", ("-W", "ignore"), [])],
+)
+def test_commands_warn_in_lines_unless_filtered(tmp_path, room, entry, options, lines):
+    command = CALL + AS_COMMAND.format(room=room, entry=entry)
+    assert stderr_of(tmp_path, command, *options) == lines
 
 
 def test_the_python_api_warns_as_python_does(tmp_path):

@@ -2,27 +2,9 @@
 
 import numpy as np
 import pytest
+from bag_files import SECOND, STORAGES, TOPICS, cut, data_file, read
 
 from dlo_sim.replay.bags import Bag, BagError, BagWriter
-from dlo_sim.session import cdr
-
-TOPICS = {"/gripper_pose": cdr.POSE_STAMPED, "/wrench": cdr.WRENCH_STAMPED}
-STORAGES = ["mcap", "sqlite3"]
-
-
-def data_file(bag):
-    (file,) = (f for f in bag.iterdir() if f.suffix in (".mcap", ".db3"))
-    return file
-
-
-def cut(file, share):
-    with file.open("r+b") as handle:
-        handle.truncate(int(file.stat().st_size * share))
-
-
-def read(path, wanted=TOPICS):
-    bag = Bag(path)
-    return bag, [(m.topic, m.time_ns, m.data) for m in bag.messages(wanted)]
 
 
 @pytest.mark.parametrize("storage", STORAGES)
@@ -38,7 +20,7 @@ def test_what_is_written_is_read(make_bag, recorded, storage):
 @pytest.mark.parametrize("share", [0.35, 0.5, 0.777, 0.97])
 def test_a_bag_cut_off_is_read_as_far_as_it_goes(make_bag, long_recording, storage, share):
     path = make_bag(long_recording, storage=storage)
-    cut(data_file(path), share)
+    cut(path, share)
     bag, found = read(path)
     assert 0.3 * share * len(long_recording) < len(found) <= len(long_recording)
     assert found == sorted(found, key=lambda m: m[1])
@@ -51,7 +33,7 @@ def test_a_bag_cut_off_is_read_as_far_as_it_goes(make_bag, long_recording, stora
 @pytest.mark.parametrize("storage", STORAGES)
 def test_a_bag_of_which_nothing_is_left_is_refused(make_bag, storage):
     path = make_bag(storage=storage)
-    cut(data_file(path), 0.01)
+    cut(path, 0.01)
     with pytest.raises(BagError, match="cannot be read"):
         Bag(path)
 
@@ -63,9 +45,6 @@ def test_a_recorder_that_was_killed_leaves_no_metadata(make_bag, recorded, stora
     bag, found = read(path)
     assert len(found) == len(recorded)
     assert "metadata" in bag.damage
-
-
-SECOND = 1_000_000_000
 
 
 def at(*seconds):
@@ -106,7 +85,7 @@ def test_compressed_chunks_are_salvaged(tmp_path):
             writer.write(connections[topic], time_ns, data)
     file = data_file(path)
     assert len(read(file)[1]) == len(recorded)
-    cut(file, 0.5)
+    cut(path, 0.5)
     found = read(file)[1]
     assert 2000 < len(found) < len(recorded)
     assert found == recorded[: len(found)]

@@ -28,7 +28,7 @@ def test_the_negative_of_the_prediction_is_a_perfect_measurement():
     assert z.spread_measured == pytest.approx(0.5 * math.sqrt(0.5), rel=0.02)
 
 
-def test_the_sign_matters():
+def test_the_opposite_sign_is_anticorrelated():
     (x, _, z) = compare_reaction(TIMES, force(TIMES), AT, force(AT))
     assert x.correlation == pytest.approx(-1.0, abs=1e-6)
     assert z.bias == pytest.approx(10.0, abs=0.05)
@@ -37,7 +37,7 @@ def test_the_sign_matters():
 
 
 @pytest.mark.parametrize("lag", [-0.1, -0.02, 0.0, 0.05, 0.15])
-def test_finds_the_lag(lag):
+def test_the_lag_of_a_measurement_is_found(lag):
     """Positive = the measurement comes later than predicted."""
     x, _, z = compare_reaction(TIMES, force(TIMES), AT, -force(AT - lag))
     assert x.lag == pytest.approx(lag, abs=1.5e-3)

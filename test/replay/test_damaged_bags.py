@@ -7,28 +7,13 @@ import sys
 import zlib
 
 import pytest
+from bag_files import SECOND, STORAGES, TOPICS, data_file, read
 
 from dlo_sim.cli.main import main
 from dlo_sim.replay.bags import Bag, BagError
-from dlo_sim.session import cdr
 from dlo_sim.tuning.scene_file import scene_text
 
 zstd = pytest.importorskip("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
-SECOND = 1_000_000_000
-TOPICS = {"/gripper_pose": cdr.POSE_STAMPED, "/wrench": cdr.WRENCH_STAMPED}
-STORAGES = ["mcap", "sqlite3"]
-
-
-def data_file(bag):
-    (file,) = (f for f in bag.iterdir() if f.suffix in (".mcap", ".db3"))
-    return file
-
-
-def read(path):
-    bag = Bag(path)
-    found = [(m.topic, m.time_ns, m.data) for m in bag.messages(TOPICS)]
-    assert len(bag.damage) < 500 and "\n" not in bag.damage
-    return bag, found
 
 
 # ------------------------------------------------------------------------- writing MCAP by hand
@@ -90,7 +75,7 @@ METADATA = {
 
 
 @pytest.mark.parametrize("complaint", METADATA)
-def test_metadata(make_bag, recorded, complaint):
+def test_damaged_metadata_are_named_and_all_messages_read(make_bag, recorded, complaint):
     path = make_bag()
     file = path / "metadata.yaml"
     data = file.read_bytes()
@@ -101,7 +86,7 @@ def test_metadata(make_bag, recorded, complaint):
     assert found == recorded
 
 
-def test_metadata_that_is_a_pipe(make_bag, recorded):
+def test_metadata_that_are_a_pipe_are_not_waited_for(make_bag, recorded):
     path = make_bag()
     (path / "metadata.yaml").unlink()
     os.mkfifo(path / "metadata.yaml")

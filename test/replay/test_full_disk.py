@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from bag_files import STORAGES
 
 from dlo_sim.cli.main import main
 from dlo_sim.replay.bags import Bag, BagError, BagWriter
@@ -10,7 +11,6 @@ from dlo_sim.session import cdr
 from dlo_sim.tuning.scene_file import scene_text
 from test.disks import mounted, room_for
 
-STORAGES = ["mcap", "sqlite3"]
 REASONS = {
     ("file", "mcap"): "File too large",
     ("file", "sqlite3"): "disk I/O error",

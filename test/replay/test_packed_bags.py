@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_files import SECOND, STORAGES, T0, TOPICS, data_file, read
 from fake_simulator import FakeSimulator
 from rosbags import rosbag1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -18,13 +19,10 @@ from dlo_sim.replay.replay import replay_bag
 from dlo_sim.session import cdr
 
 zstd = pytest.importorskip("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
-SECOND = 1_000_000_000
-T0 = 1000 * SECOND
-TOPICS = {"/gripper_pose": cdr.POSE_STAMPED, "/wrench": cdr.WRENCH_STAMPED}
 PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 
 
-@pytest.fixture(params=["mcap", "sqlite3"])
+@pytest.fixture(params=STORAGES)
 def storage(request):
     return request.param
 
@@ -45,16 +43,6 @@ def packed_bag(tmp_path, recorded, storage):
         return path
 
     return make
-
-
-def read(path):
-    bag = Bag(path)
-    return bag, [(m.topic, m.time_ns, m.data) for m in bag.messages(TOPICS)]
-
-
-def data_file(path):
-    (file,) = (f for f in path.iterdir() if f.name != "metadata.yaml")
-    return file
 
 
 @pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from bag_files import MS, SECOND, T0
 from plans import trajectory
 
 from dlo_sim import Plan, Simulator
@@ -13,8 +14,6 @@ from dlo_sim.scene.loading import load_scene
 from dlo_sim.session import cdr
 from dlo_sim.view.run import read_run
 
-MS, SECOND = 1_000_000, 1_000_000_000
-T0 = 1000 * SECOND
 TIMES = 0.05 * np.arange(13)
 PLANNED = {"/planner": cdr.TRAJECTORY}
 CHANGES = {"end.pose_topic": "/end", "end.pose_type": "two_points", "end.fixed": [True] * 3}

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import solids
+from bag_files import MS, SECOND, STORAGES, T0, contents, cut, messages
 from fake_simulator import FakeSimulator
 from marker_arrays import array, marker
 
@@ -13,9 +14,6 @@ from dlo_sim.replay.replay import ReplayError, replay_bag
 from dlo_sim.session import cdr
 from dlo_sim.session.session import Session
 
-MS = 1_000_000
-SECOND = 1_000_000_000
-T0 = 1000 * SECOND
 OUTPUTS = {
     "/dlo_sim/control_points": cdr.POSE_ARRAY,
     "/dlo_sim/start/reaction": cdr.WRENCH_STAMPED,
@@ -25,26 +23,11 @@ OUTPUTS = {
 }
 
 
-def contents(path):
-    """Topic -> list of (time, bytes)."""
-    found = {}
-    bag = Bag(path)
-    assert not bag.damage
-    for message in bag.messages({t: k[0] for t, k in bag.topics.items()}):
-        found.setdefault(message.topic, []).append((message.time_ns, message.data))
-    return found
-
-
 def files(path):
     return {f.name: f.read_bytes() for f in path.iterdir()}
 
 
-def data_file(bag):
-    (file,) = (f for f in bag.iterdir() if f.suffix in (".mcap", ".db3"))
-    return file
-
-
-@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+@pytest.mark.parametrize("storage", STORAGES)
 class TestDone:
     def test_writes_what_the_node_would_publish(self, make_bag, scene, tmp_path, storage):
         path = make_bag(storage=storage)
@@ -304,7 +287,7 @@ def test_refused_in_one_line_and_nothing_written(make_bag, recorded, scene, tmp_
     assert [path.name for path in tmp_path.iterdir()] == ["recorded"]
 
 
-@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+@pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize("topics", [{}, WRENCH])
 def test_an_empty_bag_is_refused(make_bag, scene, tmp_path, storage, topics):
     with pytest.raises(ReplayError, match="is empty"):
@@ -312,28 +295,22 @@ def test_an_empty_bag_is_refused(make_bag, scene, tmp_path, storage, topics):
     assert [path.name for path in tmp_path.iterdir()] == ["recorded"]
 
 
-@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-class TestCutInHalf:
-    def cut(self, bag, share):
-        file = data_file(bag)
-        with file.open("r+b") as handle:
-            handle.truncate(int(file.stat().st_size * share))
-
-    def test_the_part_that_is_left_gives_the_same_states(
-        self, make_bag, long_recording, scene, tmp_path, storage
-    ):
-        whole = make_bag(long_recording, storage=storage)
-        replay_bag(whole, scene, tmp_path / "whole_out")
-        self.cut(whole, 0.5)
-        summary = replay_bag(whole, scene, tmp_path / "half_out")
-        assert summary.status == "truncated" and not summary.ok
-        assert f"of {len(long_recording)} messages could be read" in summary.message
-        assert "\n" not in summary.message and 1.0 < summary.simulated_s < 6.0
-        one = contents(tmp_path / "whole_out")["/dlo_sim/control_points"]
-        half = contents(tmp_path / "half_out")["/dlo_sim/control_points"]
-        same = len(half) - 20  # at the end it waits for poses that are lost
-        assert same > 200
-        assert one[:same] == half[:same]
+@pytest.mark.parametrize("storage", STORAGES)
+def test_the_part_that_is_left_of_a_bag_gives_the_same_states(
+    make_bag, long_recording, scene, tmp_path, storage
+):
+    whole = make_bag(long_recording, storage=storage)
+    replay_bag(whole, scene, tmp_path / "whole_out")
+    cut(whole, 0.5)
+    summary = replay_bag(whole, scene, tmp_path / "half_out")
+    assert summary.status == "truncated" and not summary.ok
+    assert f"of {len(long_recording)} messages could be read" in summary.message
+    assert "\n" not in summary.message and 1.0 < summary.simulated_s < 6.0
+    one = contents(tmp_path / "whole_out")["/dlo_sim/control_points"]
+    half = contents(tmp_path / "half_out")["/dlo_sim/control_points"]
+    same = len(half) - 20  # at the end it waits for poses that are lost
+    assert same > 200
+    assert one[:same] == half[:same]
 
 
 def test_a_diverged_run_is_kept_with_its_reason(make_bag, scene, tmp_path):
@@ -374,9 +351,9 @@ def test_a_bag_recorded_while_an_old_one_was_played(make_bag, recorded, scene, t
 
 
 @pytest.mark.parametrize("at", [2000, 5000])
-def test_a_message_written_long_after_its_time_is_refused_alone(make_bag, recording_of, scene, at):
+def test_a_message_written_long_after_its_time_is_refused_alone(make_bag, scene, at):
     """It arrives when it was written: its old time says nothing about the clocks of the others."""
-    found = recording_of(20.0)
+    found = messages(20.0)
     found.insert(at, ("/gripper_pose", T0 - 300 * SECOND, found[0][2]))
     summary = replay_bag(make_bag(found), scene, None, simulator_factory=FakeSimulator)
     assert summary.status == "truncated" and "s out of order" in summary.message

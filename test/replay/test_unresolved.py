@@ -3,10 +3,10 @@ the session goes on and says so, a replay is not ok.
 """
 
 import pytest
+from bag_files import write_bag
 
 from dlo_sim import load_scene
 from dlo_sim.cli.main import main
-from dlo_sim.replay.bags import BagWriter
 from dlo_sim.replay.replay import replay_bag
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import ERROR
@@ -40,12 +40,7 @@ def messages():
 
 @pytest.fixture
 def bag(tmp_path):
-    path = tmp_path / "pushed"
-    writer = BagWriter(path, dict.fromkeys((START, END), cdr.POSE_STAMPED), "mcap")
-    for message in messages():
-        writer.write(*message)
-    writer.finish()
-    return path
+    return write_bag(tmp_path / "pushed", messages(), dict.fromkeys((START, END), cdr.POSE_STAMPED))
 
 
 def status_of(session, now_ns):

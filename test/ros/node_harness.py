@@ -14,6 +14,7 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.context import Context
@@ -42,6 +43,13 @@ CABLE: dict[str, Any] = {
 HELD: dict[str, Any] = {
     **{key: value for key, value in CABLE.items() if not key.startswith("loads.")},
     "start.pose_topic": "/gripper_pose",
+}
+# An explicit method close to its stability limit: a push of 100 N at the tip makes it diverge.
+UNSTABLE: dict[str, Any] = {
+    **CABLE,
+    "damping.stiffness": 0.0,
+    "integrator.method": "forest_ruth",
+    "integrator.on_failure": "stop",
 }
 
 
@@ -208,6 +216,13 @@ class Peer:
 
         diagnostics.clear()
         return self.until(found, f"{what} in diagnostics")
+
+
+def push(peer: Peer, force: float, node: str = "/dlo_sim") -> contextlib.AbstractContextManager:
+    """A force along y at the tip inside [N], published every 50 ms."""
+    message = WrenchStamped()
+    message.wrench.force.y = force
+    return peer.repeating(peer.publisher(WrenchStamped, f"{node}/tip/wrench"), message)
 
 
 class Metronomes:

@@ -16,8 +16,8 @@ pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseArray, WrenchStamped
-from node_harness import CABLE, START, NodeProcess, Peer
+from geometry_msgs.msg import PoseArray
+from node_harness import CABLE, START, UNSTABLE, NodeProcess, Peer, push
 from visualization_msgs.msg import Marker
 
 from dlo_sim.ros import FAILED
@@ -27,9 +27,6 @@ from dlo_sim.scene.loading import SceneError
 
 TWO = {"cables": ["a", "b"]}
 HANGING = {**CABLE, "start.tangent": [0, 0, -1]}  # keeps its plane, unlike one that swings freely
-# An explicit method close to its stability limit: the push of 100 N makes it diverge.
-UNSTABLE = {"integrator.method": "forest_ruth", "integrator.on_failure": "stop"}
-
 Start = Callable[..., NodeProcess]
 
 
@@ -60,12 +57,6 @@ def cables(launch: Start, peer: Peer) -> Iterator[Start]:
         peer.until(lambda service=service: not peer.node.count_services(service), "the end")
 
 
-def push(peer: Peer, node: str, force: float) -> tuple[Any, WrenchStamped]:
-    message = WrenchStamped()
-    message.wrench.force.y = force
-    return peer.publisher(WrenchStamped, f"{node}/tip/wrench"), message
-
-
 def period(points: list[PoseArray]) -> float:
     """Median time between two stamps [s]: a tick that the machine holds up is further from the one
     before it, and nearer to the next.
@@ -84,8 +75,7 @@ def test_each_cable_has_its_scene_inputs_refusals_and_parameters(cables: Start, 
     found = {name: peer.collect(PoseArray, f"/dlo_sim/{name}/control_points") for name in "ab"}
     markers = [peer.collect(Marker, f"/dlo_sim/{name}/centerline") for name in "ab"]
     statuses = peer.collect(DiagnosticArray, "/diagnostics")
-    publisher, message = push(peer, "/dlo_sim/a", 0.05)
-    with peer.repeating(publisher, message):
+    with push(peer, 0.05, "/dlo_sim/a"):
         peer.until(lambda: found["a"] and sideways(found["a"]) > 0.1, "motion of a")
         peer.until(lambda: len(found["b"]) > 20, "control points of b")
     assert sideways(found["b"]) < 1e-9
@@ -94,8 +84,7 @@ def test_each_cable_has_its_scene_inputs_refusals_and_parameters(cables: Start, 
     assert period(found["a"]) == pytest.approx(0.01, rel=0.1)
     assert period(found["b"]) == pytest.approx(0.04, rel=0.1)
 
-    publisher, message = push(peer, "/dlo_sim/a", math.nan)
-    with peer.repeating(publisher, message):
+    with push(peer, math.nan, "/dlo_sim/a"):
         peer.status(
             "/dlo_sim/a: input /dlo_sim/a/tip/wrench",
             lambda values, status: int(values.get("refused not_finite", "0")) > 3,
@@ -136,7 +125,7 @@ def test_one_that_is_refused_and_one_that_fails_do_not_stop_the_other(
         encoding="utf-8",
     )
     of_a = of("a", {"scene": str(scene), "loads.names": []})
-    of_b = of("b", {**CABLE, "damping.stiffness": 0.0, **UNSTABLE})
+    of_b = of("b", UNSTABLE)
     node = cables({"cables": ["a", "b", "c"], "c.scene": "two_gripers", **of_a, **of_b})
     found = peer.collect(PoseArray, "/dlo_sim/a/control_points")
     names = ("cable.length", "gravity", "loads.names")
@@ -147,8 +136,7 @@ def test_one_that_is_refused_and_one_that_fails_do_not_stop_the_other(
     said = peer.status("/dlo_sim/c: node", lambda _, s: s.message.startswith(refusal), "why")
     assert said == {"cables running": "a, b"}
 
-    publisher, message = push(peer, "/dlo_sim/b", 100.0)
-    with peer.repeating(publisher, message):
+    with push(peer, 100.0, "/dlo_sim/b"):
         peer.until(lambda: "dlo_sim: b: " in node.output, "the failure of b")
     peer.until(lambda: not peer.node.count_services("/dlo_sim/b/reset"), "the end of b")
     peer.status("/dlo_sim/b: node", lambda _, s: "the energy grew" in s.message, "why b ended")

@@ -10,9 +10,9 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
-from geometry_msgs.msg import PoseArray, WrenchStamped
-from node_harness import CABLE, START, NodeProcess, Peer
-from rosgraph_msgs.msg import Clock
+from geometry_msgs.msg import PoseArray
+from node_harness import CABLE, START, UNSTABLE, NodeProcess, Peer, push
+from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
 from dlo_sim.ros import FAILED
@@ -50,34 +50,15 @@ def test_a_signal_ends_it_with_status_0_and_without_markers(
     assert "Traceback" not in node.output
 
 
-@pytest.mark.parametrize(
-    ("clock", "number"), [(False, signal.SIGINT), (True, signal.SIGTERM)] * TIMES
-)
-def test_it_ends_while_simulated_time_stands_still(
-    started: Callable[..., NodeProcess], peer: Peer, number: int, clock: bool
+@pytest.mark.parametrize("number", [signal.SIGINT] * TIMES)
+def test_it_ends_before_simulated_time_begins(
+    started: Callable[..., NodeProcess], peer: Peer, number: int
 ) -> None:
+    """Where it stands still again, see test_node_sim_time.py."""
     node = started({**CABLE, "use_sim_time": True})
-    markers = collect_markers(peer)
-    peer.until(
-        lambda: all(peer.node.count_publishers(f"/dlo_sim/{n}") for n in ("centerline",)), "topics"
-    )
-    if clock:
-        publisher = peer.publisher(Clock, "/clock")
-        message = Clock()
-        message.clock.sec = 100
-
-        def ticking() -> bool:
-            message.clock.nanosec += 10_000_000
-            publisher.publish(message)
-            return all(m and m[-1].action == Marker.ADD for m in markers)
-
-        peer.until(ticking, "markers")
-        peer.node.destroy_publisher(publisher)
-    node.process.send_signal(number)
+    peer.until(lambda: peer.node.count_publishers("/dlo_sim/centerline"), "topics")
     peer.watched = None
-    if clock:
-        peer.until(lambda: gone(markers), "DELETEALL on both topics")
-    assert node.wait() == 0
+    assert node.stop(number) == 0
     assert "Traceback" not in node.output
 
 
@@ -92,52 +73,21 @@ def test_a_signal_while_it_builds_ends_it_too(
     peer.watched = None
 
 
-# An explicit method close to its stability limit: the push of 100 N makes it diverge.
-UNSTABLE = {
-    **{key: value for key, value in CABLE.items() if key != "damping.stiffness"},
-    "integrator.method": "forest_ruth",
-    "integrator.on_failure": "stop",
-}
-
-
-def test_a_failed_simulation_stops_the_node_if_asked(
+def test_a_failed_simulation_is_held_and_can_be_reset_or_stops_the_node_if_asked(
     started: Callable[..., NodeProcess], peer: Peer
 ) -> None:
-    node = started(UNSTABLE)
-    publisher = peer.publisher(WrenchStamped, "/dlo_sim/tip/wrench")
-    message = WrenchStamped()
-    message.wrench.force.y = 100.0
-    peer.watched = None
-
-    def ended() -> bool:
-        publisher.publish(message)
-        return node.process.poll() is not None
-
-    peer.until(ended, "end of the node")
-    assert node.wait() == FAILED
-    assert node.output.splitlines()[-1].startswith("dlo_sim: ")
-    assert "Traceback" not in node.output
-    peer.node.destroy_publisher(publisher)
-
-
-def test_a_failed_simulation_is_held_and_can_be_reset(
-    started: Callable[..., NodeProcess], peer: Peer
-) -> None:
-    from std_srvs.srv import Trigger
-
     node = started({**UNSTABLE, "integrator.on_failure": "hold"})
-    publisher = peer.publisher(WrenchStamped, "/dlo_sim/tip/wrench")
-    message = WrenchStamped()
-    message.wrench.force.y = 100.0
-
-    def failed() -> bool:
-        publisher.publish(message)
-        return "failed: " in node.output
-
-    peer.until(failed, "a failure")
+    with push(peer, 100.0):
+        peer.until(lambda: "failed: " in node.output, "a failure")
     received = peer.collect(PoseArray, "/dlo_sim/control_points", depth=1)
     peer.until(lambda: received, "control points of the last good state")
     peer.status("/dlo_sim: session", lambda v, s: v["status"].startswith("failed"), "the failure")
     assert peer.call(Trigger, "/dlo_sim/reset", Trigger.Request()).success
     peer.status("/dlo_sim: session", lambda v, s: v["status"] == "running", "a running session")
-    peer.node.destroy_publisher(publisher)
+    assert peer.set({"integrator.on_failure": "stop"}).successful
+    peer.watched = None
+    with push(peer, 100.0):
+        peer.until(lambda: node.process.poll() is not None, "end of the node")
+    assert node.wait() == FAILED
+    assert node.output.splitlines()[-1].startswith("dlo_sim: ")
+    assert "Traceback" not in node.output

@@ -17,7 +17,7 @@ pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
-from node_harness import CABLE, HELD, NodeProcess, Peer
+from node_harness import CABLE, HELD, NodeProcess, Peer, write_params
 
 QOS = "qos_overrides./dlo_sim/tip/wrench.subscription"
 OUT = "qos_overrides./dlo_sim/control_points.publisher"
@@ -85,23 +85,6 @@ def test_a_params_file_for_other_nodes_is_refused_unless_told_otherwise(
     peer.watched = None
 
 
-def test_integers_mixed_lists_and_empty_lists_are_fine(
-    started: Callable[..., NodeProcess], peer: Peer
-) -> None:
-    values = {
-        **CABLE,
-        "cable.length": 1,
-        "gravity": [0, 0, -9.5],
-        "end.position": [2, 0, 0],
-        "terms.bend": True,  # what a YAML 1.1 parser makes of: on
-        "loads.names": [],
-        "cable.rest_curvature": [0, 0.5],
-    }
-    started({key: value for key, value in values.items() if not key.startswith("loads.force")})
-    names = ("cable.length", "gravity", "end.position", "terms.bend", "loads.names")
-    assert peer.get(*names) == [1.0, [0.0, 0.0, -9.5], [2.0, 0.0, 0.0], "on", []]
-
-
 def test_every_start_goes_by_its_own_name(running: Callable[..., NodeProcess], peer: Peer) -> None:
     """Two nodes of one file, told apart by name; topics, services and diagnostics follow it."""
     remaps = ["__node:=left", "__ns:=/arm", "/gripper_pose:=/left/pose"]
@@ -135,11 +118,17 @@ def test_the_command_is_the_node(tmp_path: Path, domain: int) -> None:
     assert "did you mean cable.length?" in done.stderr
 
 
-def test_a_shipped_scene_starts_by_its_name(
-    started: Callable[..., NodeProcess], peer: Peer
+def test_a_shipped_scene_starts_by_its_name_with_changes_as_users_write_them(
+    started: Callable[..., NodeProcess], peer: Peer, tmp_path: Path
 ) -> None:
-    started(None, "--scene", "paper_wire_force", "--ros-args", "-p", "rate:=50.0")
+    """Integers, mixed and empty lists and what a YAML 1.1 parser makes of `on` are fine."""
+    values = {"gravity": [0, 0, -9.5], "end.position": [2, 0, 0], "grasps.names": []}
+    params = str(write_params(tmp_path, {**values, "terms.bend": True}))
+    scene = ("--scene", "paper_wire_force", "--ros-args", "--params-file", params)
+    started(None, *scene, "-p", "rate:=50")
     received = peer.collect(PoseArray, "/dlo_sim/control_points", depth=1)
     peer.until(lambda: received, "control points")
-    assert peer.get("rate", "loads.names", "cable.diameter") == [50.0, ["centre"], 0.002]
+    names = ("rate", "loads.names", "cable.diameter", "end.position", "gravity", "terms.bend")
+    found = [50.0, ["centre"], 0.002, [2.0, 0.0, 0.0], [0.0, 0.0, -9.5], "on"]
+    assert peer.get(*names, "grasps.names") == [*found, []]
     assert len(received[-1].poses) == peer.get("discretization.control_points")[0]

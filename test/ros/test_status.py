@@ -11,7 +11,7 @@ def test_late_publications_are_a_warning() -> None:
     assert "4 publications" in node_status(TickTimes(late=4), 0, 1e-3, ClockWatch(), []).message
 
 
-def test_regular_ticks() -> None:
+def test_regular_ticks_are_counted_and_timed() -> None:
     times = TickTimes()
     for k in range(10):
         clock = k * 5 * MS
@@ -29,7 +29,7 @@ def test_regular_ticks() -> None:
 @pytest.mark.parametrize(
     ("gap", "dropped", "late"), [(7, 0, 0), (10, 1, 0), (12, 1, 0), (13, 2, 1), (50, 9, 1)]
 )
-def test_gaps(gap: int, dropped: int, late: int) -> None:
+def test_a_gap_counts_as_dropped_and_late_ticks(gap: int, dropped: int, late: int) -> None:
     times = TickTimes()
     times.record(0, 0, 0, 0, 1, 5 * MS)
     times.record(gap * MS, 0, 0, 0, 1, 5 * MS)

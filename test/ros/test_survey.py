@@ -76,7 +76,7 @@ def test_the_rate_is_that_of_the_arrivals() -> None:
         assert heard.rate("/pose") == pytest.approx(rate)
 
 
-def test_nobody_publishes(look: Any) -> None:
+def test_inputs_that_nobody_publishes_are_named(look: Any) -> None:
     found = look(LOADED)
     assert found["problem"] == ["nobody publishes /pose; the node waits for it"]
     assert found["note"] == ["nobody publishes /wrench; the load is zero"]
@@ -110,7 +110,7 @@ def test_stamps_of_another_epoch(look: Any) -> None:
     assert epoch.endswith("s behind the wall clock")
 
 
-def test_simulated_time(look: Any) -> None:
+def test_a_clock_that_plays_simulated_time_is_noticed(look: Any) -> None:
     clock, poses = look.publisher(Clock, "/clock"), look.publisher(PoseStamped, "/pose")
     begin = time.time() - 100.0
 

@@ -68,7 +68,7 @@ def refusal(values: dict) -> str:
         ("loads.tip.force", 1.0, "1.0 belongs to a name that is not in loads.names; add 'tip' to"),
     ],
 )
-def test_impossible_value(key, value, complaint):
+def test_a_value_that_cannot_be_is_refused_by_its_key(key, value, complaint):
     message = refusal({key: value})
     assert message.startswith(key)
     assert complaint in message and len(message) < 300
@@ -150,7 +150,7 @@ def test_impossible_value(key, value, complaint):
         ),
     ],
 )
-def test_conflict(values, complaint):
+def test_values_that_contradict_each_other_are_refused(values, complaint):
     assert complaint in refusal(values)
 
 
@@ -171,7 +171,7 @@ def test_conflict(values, complaint):
         },
     ],
 )
-def test_unusual_but_possible(values):
+def test_what_is_unusual_but_possible_is_taken(values):
     scene_from_values(values)
 
 

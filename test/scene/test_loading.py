@@ -53,7 +53,7 @@ def write(tmp_path: Path):
         '/**: {ros__parameters: {"qos_overrides./clock.depth": 1, cable.length: 2.5}}',
     ],
 )
-def test_layout(write, text):
+def test_every_layout_of_ros_parameter_files_is_read(write, text):
     assert load_scene(write(text)).cable.length == 2.5
 
 
@@ -107,7 +107,7 @@ def test_off_quoted_or_not(write, value):
         ("[" * 5000, "is not valid YAML"),
     ],
 )
-def test_bad_file(write, text, complaint):
+def test_a_bad_file_is_refused_with_its_place_and_a_cure(write, text, complaint):
     path = write(text)
     with pytest.raises(SceneError) as caught:
         load_scene(path)
@@ -163,12 +163,12 @@ def test_values_and_scene_round_trip():
         ("frame_id='a=b'", "frame_id", "a=b"),
     ],
 )
-def test_assignment(text, key, value):
+def test_an_assignment_is_a_key_and_a_value_of_yaml(text, key, value):
     assert parse_assignment(text) == (key, value)
 
 
 @pytest.mark.parametrize("text", ["cable.length", "=2", "", "gravity=[1, 2", "a=&x [*x"])
-def test_bad_assignment(text):
+def test_what_is_no_assignment_is_refused(text):
     with pytest.raises(SceneError):
         parse_assignment(text)
 
@@ -191,12 +191,10 @@ def test_shipped_scene_by_name_or_path(tmp_path, monkeypatch):
         find_scene("paper_wir")
 
 
-@pytest.mark.parametrize("name", ["paper_wire", Path("paper_wire"), shipped_scene("paper_wire")])
-def test_a_scene_is_loaded_by_a_shipped_name_or_a_path(name, tmp_path, monkeypatch):
+@pytest.mark.parametrize("name", ["paper_wire", Path("paper_wire")])
+def test_a_scene_is_loaded_by_a_shipped_name(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert load_scene(name, {"rate": 50.0}) == load_scene(shipped_scene("paper_wire"), {"rate": 50})
-    with pytest.raises(SceneError, match=r"'paper_wires' is not a shipped scene.*did you mean"):
-        load_scene(f"{name}s" if isinstance(name, str) else "paper_wires")
 
 
 def test_a_scene_is_loaded_from_a_mapping():

@@ -14,7 +14,7 @@ def test_no_key_is_there_twice():
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: row.key)
-def test_row_is_complete(row):
+def test_every_parameter_has_a_complete_row(row):
     assert row.description.endswith("."), "a sentence for people"
     assert check_value(row, row.default) == row.default, "the default passes its own check"
     if row.element_kind in ("double", "integer"):

@@ -37,7 +37,7 @@ READERS = [load_scene, read_by_the_node]
 
 @pytest.mark.parametrize("read", READERS)
 @pytest.mark.parametrize("complaint", HOSTILE)
-def test_bounds(tmp_path, read, complaint):
+def test_hostile_files_are_refused_within_bounds(tmp_path, read, complaint):
     path = tmp_path / "scene.yaml"
     path.write_text(HOSTILE[complaint])
     with pytest.raises(SceneError) as refusal:

@@ -10,7 +10,10 @@ from fake_simulator import FakeSimulator
 
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import cdr
+from dlo_sim.session.diagnostics import Refused
 from dlo_sim.session.session import Session
+from dlo_sim.simulation.error_estimate import advice
+from dlo_sim.simulation.report import DiscretizationError
 
 MS = 1_000_000
 SECOND = 1_000_000_000
@@ -23,16 +26,7 @@ GRIPPER = {
     "discretization.control_points": 5,
 }
 LOADED = {**GRIPPER, "loads.names": ["tip"], "loads.tip.topic": "/wrench", "loads.tip.timeout": 0.5}
-FREE = {
-    "gravity": [0.0, 0.0, 0.0],
-    "integrator.step": 1e-3,
-    "discretization.control_points": 5,
-    "loads.names": ["tip"],
-    "loads.tip.topic": "/wrench",
-    "loads.tip.timeout": 0.5,
-}
-SECOND = 1_000_000_000
-MS = 1_000_000
+FREE = {key: value for key, value in LOADED.items() if not key.startswith("start.")}
 
 
 class Bench:
@@ -80,6 +74,72 @@ class Bench:
     @property
     def events(self) -> dict:
         return dict(self.session.journal.events)
+
+
+class FakeEstimate:
+    """An error estimate that looks at nothing and reports what it is told to."""
+
+    order = 2
+
+    def __init__(self, simulator) -> None:
+        self.simulator = simulator
+        self.recent = DiscretizationError(1e-5, 2e-5)
+
+    def advice(self, error) -> str:
+        return advice(self.simulator.scene, "energy_momentum", self.simulator.step, 2, error)
+
+    def take_over(self) -> None:
+        self.recent = DiscretizationError(0.0, 0.0)
+
+    def end(self) -> None:
+        pass
+
+    def next_look(self, steps: int) -> int:
+        return steps + 1000
+
+    def look(self, report) -> str:
+        return ""
+
+
+class FakeFrames:
+    """What tf2 knows: transforms by frame, which may come late, and up to a time alone."""
+
+    def __init__(self, **found) -> None:
+        self.found, self.known_ns = found, 1 << 62
+        self.asked: list[int] = []
+        self.cleared = 0
+
+    def lookup(self, frame, stamp_ns):
+        if frame not in self.found:
+            raise Refused("no_transform", f"frame_id '{frame}': nobody publishes it")
+        if stamp_ns is not None:
+            self.asked.append(stamp_ns)
+            if stamp_ns > self.known_ns:
+                raise Refused("no_transform", f"frame_id '{frame}': would extrapolate")
+        return self.found[frame]
+
+    def clear(self):
+        self.cleared += 1
+
+
+def poses(topic, place, begin_ns, end_ns, period_ns=10 * MS, frame="world"):
+    """Messages (arrival, topic, bytes) of a gripper that is at place(seconds since T0)."""
+    encoder = cdr.StampedEncoder(cdr.POSE_STAMPED, frame)
+    for stamp in range(begin_ns, end_ns, period_ns):
+        where = (*place((stamp - T0) * 1e-9), 0.0, 0.0, 0.0, 1.0)[:7]
+        yield stamp, topic, encoder.encode(stamp, where)
+
+
+def feed(session, messages, begin_ns, end_ns, period_ns=5 * MS):
+    """Hand over messages (arrival, topic, bytes) as they arrive, and tick; after each tick its
+    time."""
+    waiting = sorted(messages, key=lambda message: message[0])
+    for now in range(begin_ns, end_ns, period_ns):
+        while waiting and waiting[0][0] <= now:
+            arrival, topic, raw = waiting.pop(0)
+            session.receive(topic, raw, arrival)
+        session.tick(now)
+        yield now
 
 
 def motion(now):

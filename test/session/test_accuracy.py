@@ -5,40 +5,16 @@ from __future__ import annotations
 import math
 
 import pytest
+from cables import merged
 from fake_simulator import FakeSimulator
-from session_bench import FREE, MS, SECOND
+from session_bench import FREE, MS, SECOND, FakeEstimate
 
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import drive
 from dlo_sim.session.session import Session
-from dlo_sim.simulation.error_estimate import advice
 from dlo_sim.simulation.report import DiscretizationError
 
 T0 = 100 * SECOND
-
-
-class FakeEstimate:
-    """Looks at nothing and reports what it is told to."""
-
-    def __init__(self, simulator) -> None:
-        self.simulator = simulator
-        self.recent = DiscretizationError(1e-5, 2e-5)
-        self.order = 2
-
-    def advice(self, error) -> str:
-        return advice(self.simulator.scene, "energy_momentum", self.simulator.step, 2, error)
-
-    def take_over(self) -> None:
-        self.recent = DiscretizationError(0.0, 0.0)
-
-    def end(self) -> None:
-        pass
-
-    def next_look(self, steps: int) -> int:
-        return steps + 1000
-
-    def look(self, report) -> str:
-        return ""
 
 
 @pytest.fixture
@@ -55,8 +31,7 @@ def estimates(monkeypatch):
 
 
 def session(live=True, **changes) -> Session:
-    scene = scene_from_values({**FREE, **{k.replace("__", "."): v for k, v in changes.items()}})
-    return Session(scene, FakeSimulator, live=live)
+    return Session(scene_from_values(merged(FREE, **changes)), FakeSimulator, live=live)
 
 
 def found(one: Session) -> tuple[int, str, dict[str, str]]:
@@ -75,7 +50,7 @@ def found(one: Session) -> tuple[int, str, dict[str, str]]:
     ("live", "setting", "expected"),
     [(True, "auto", True), (False, "auto", True), (False, "on", True), (True, "off", False)],
 )
-def test_who_estimates(estimates, live, setting, expected):
+def test_every_session_estimates_its_error_unless_it_is_off(estimates, live, setting, expected):
     one = session(live, accuracy__estimate=setting)
     one.tick(T0)
     one.tick(T0 + 5 * MS)

@@ -2,11 +2,8 @@
 
 import numpy as np
 import pytest
-from session_bench import LOADED, Bench, motion
+from session_bench import LOADED, MS, SECOND, T0, Bench, motion
 
-MS = 1_000_000
-SECOND = 1_000_000_000
-T0 = 1000 * SECOND
 LATENCY = 60 * MS
 
 

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from fake_simulator import FakeSimulator
-from session_bench import FREE, GRIPPER, LOADED, Bench, play
+from session_bench import FREE, GRIPPER, LOADED, MS, SECOND, T0, Bench, play
 
 from dlo_sim.core import rotations
 from dlo_sim.scene.loading import SceneError, scene_from_values
@@ -13,9 +13,6 @@ from dlo_sim.session import cdr
 from dlo_sim.session.outputs import Outputs
 from dlo_sim.session.session import Session
 
-MS = 1_000_000
-SECOND = 1_000_000_000
-T0 = 1000 * SECOND
 QUARTER = rotations.from_rotation_vector([0, 0, np.pi / 2])
 
 

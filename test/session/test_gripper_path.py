@@ -212,37 +212,3 @@ def test_silence_is_held_at_the_last_pose_and_found_at_the_same_stamp_either_way
     assert one[-1].first > 2000
     for a, b in zip(one, other, strict=True):
         assert np.array_equal(a.motion.position_coefficients, b.motion.position_coefficients)
-
-
-def test_rejoins_smoothly_after_a_silence():
-    driver = Driver(timeout=0.5)
-    for k in range(10):
-        driver.add(0.03 * k)
-    driver.begin(0.0)
-    driver.drain(1.5)
-    for k in range(80):
-        driver.add(2.0 + 0.03 * k, (0.5, 0, 0), turn=(0, 0, 1.0))
-    driver.drain(4.2)
-    driver.assert_continuous()
-    times = np.linspace(2.0, 4.0, 400)
-    x = driver.positions(times)[:, 0]
-    assert x[0] == pytest.approx(0.0, abs=1e-9)
-    assert x[-1] == pytest.approx(0.5, abs=1e-9)
-    assert np.all(np.diff(x) > -1e-9)
-    speeds = [np.linalg.norm(driver.motion_at(t).velocity_at(t)) for t in times]
-    assert 0.5 < max(speeds) < 1.6  # 1.5 m/s at the middle of the fade
-    assert driver.journal.events == {"silent": 1, "rejoined": 1}
-
-
-def test_late_pose_does_not_make_the_path_jump():
-    driver = Driver(timeout=0.2)
-    for k in range(10):
-        driver.add(0.03 * k, (0.003 * k, 0, 0))
-    driver.begin(0.0)
-    assert driver.drain(1.0)  # silent and held up to 1.0 s
-    driver.add(0.30, (0.03, 0, 0))  # 0.7 s late
-    for k in range(30):
-        driver.add(1.0 + 0.03 * k, (0.05, 0, 0))
-    driver.drain(1.86)
-    driver.assert_continuous()
-    assert driver.positions([1.8])[0] == pytest.approx([0.05, 0, 0], abs=1e-6)

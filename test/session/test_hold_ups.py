@@ -43,7 +43,7 @@ def test_it_is_over_soon(name):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_any_other(seed):
+def test_a_random_disturbance_is_over_as_soon(seed):
     world = World(random_case(seed))
     world.play()
     assert world.problems() == [], world.case

@@ -4,11 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from session_bench import LOADED, Bench
+from session_bench import LOADED, MS, SECOND, T0, Bench
 
-MS = 1_000_000
-SECOND = 1_000_000_000
-T0 = 1000 * SECOND
 INF, NAN = math.inf, math.nan
 
 

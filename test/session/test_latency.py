@@ -4,14 +4,11 @@ import re
 
 import numpy as np
 import pytest
-from session_bench import GRIPPER, Bench, motion
+from session_bench import GRIPPER, MS, SECOND, T0, Bench, motion
 
 from dlo_sim.session import cdr
 from dlo_sim.session.gripper_path import PoseTiming
 
-MS = 1_000_000
-SECOND = 1_000_000_000
-T0 = 1000 * SECOND
 TICK = 5 * MS
 TWO = {**GRIPPER, "end.pose_topic": "/end_pose", "end.fixed": [True] * 3}
 

@@ -5,16 +5,16 @@ import re
 import threading
 from concurrent.futures import Future
 
+import cables
 import numpy as np
 import pytest
 from marker_arrays import array, marker
-from session_bench import MS, SECOND, T0
+from session_bench import MS, SECOND, T0, FakeFrames, feed
 
 from dlo_sim.compiling.kernels import Kernel
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import cdr, markers
-from dlo_sim.session.diagnostics import Refused
 from dlo_sim.session.intake import Transform
 from dlo_sim.session.saved_state import load_state, save_state
 from dlo_sim.session.session import Session
@@ -22,19 +22,9 @@ from dlo_sim.simulation import meshes
 from dlo_sim.simulation.obstacles import surface
 
 TOPIC = "/dlo_sim/obstacles"
-LYING = {
-    "cable.length": 0.3,
-    "cable.diameter": 0.006,
-    "cable.youngs_modulus": 2e6,
-    "start.fixed": [False] * 3,
-    "end.position": [0.3, 0.0, 0.0],
-    "discretization.control_points": 9,
-    "damping.mass": 1.0,
-    "integrator.step": 5e-3,
-    "integrator.method": "energy_momentum",
+LYING = cables.LYING | {
     "accuracy.estimate": "off",
     "inputs.latency": 0.05,
-    "contact.friction": 0.5,
     "contact.stiffness": 5e4,
     "contact.markers": 3,
 }
@@ -60,16 +50,14 @@ def run(session, messages, seconds, begin=0.0, period=5 * MS):
     """Give messages, (seconds, markers), at their times, with a tick every period; shapes by
     stamps.
     """
-    waiting, out = sorted(messages, key=lambda one: one[0]), {}
-    for now in range(T0 + round(begin * SECOND), T0 + round(seconds * SECOND), period):
-        while waiting and waiting[0][0] * SECOND + T0 <= now:
-            at, *markers = waiting.pop(0)
-            stamp = T0 + round(at * SECOND)
-            session.receive(TOPIC, array(stamp, *markers), now)
-        session.tick(now)
-        for message in session.messages((), ["~/control_points"]):
-            out[message.stamp_ns] = message.data
-    return out
+    stamped = [(T0 + round(at * SECOND), markers) for at, *markers in messages]
+    told = [(stamp, TOPIC, array(stamp, *markers)) for stamp, markers in stamped]
+    begin_ns, end_ns = T0 + round(begin * SECOND), T0 + round(seconds * SECOND)
+    return {
+        message.stamp_ns: message.data
+        for _ in feed(session, told, begin_ns, end_ns, period)
+        for message in session.messages((), ["~/control_points"])
+    }
 
 
 def session_of(**values):
@@ -77,7 +65,7 @@ def session_of(**values):
 
 
 def weight(session):
-    return session.simulator.scene.cable.mu * 0.3 * 9.81
+    return cables.weight(session.simulator)
 
 
 def drawn(begin, end, speed):
@@ -266,28 +254,15 @@ def test_what_cannot_be_had_is_counted():
     assert simulator.centerline([0.15])[0, 2] == pytest.approx(-0.017, abs=2e-3)
 
 
-class Camera:
-    """A frame that is known late."""
-
-    known = False
-
-    def lookup(self, frame, stamp_ns):
-        if not self.known:
-            raise Refused("no_transform", f"frame_id '{frame}': not yet")
-        return Transform(0, (1.0, 2.0, 3.0), (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)))
-
-    def clear(self):
-        pass
-
-
 def test_frames_are_looked_up():
-    camera = Camera()
+    camera = FakeFrames()
     session = Session(scene_from_values(LYING | {"inputs.tf": True}), transforms=camera)
     there = plate(0, (-2.0, 1.0, -3.1), frame="camera")
     session.receive(TOPIC, array(T0, there), T0)
     session.tick(T0)
     assert session.journal.topics[TOPIC].accepted == 0
-    camera.known = True
+    turn = (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5))
+    camera.found["camera"] = Transform(0, (1.0, 2.0, 3.0), turn)
     run(session, [], 0.1, begin=0.005)
     position, orientation = session.simulator.end_pose("cell/0")
     np.testing.assert_allclose(position, [0.0, 0.0, -0.1], atol=1e-12)

@@ -4,41 +4,20 @@ from __future__ import annotations
 
 from collections import Counter
 
-from session_bench import GRIPPER, MS, SECOND, T0, Bench, motion
+from session_bench import GRIPPER, MS, SECOND, T0, Bench, FakeEstimate, motion
 
 from dlo_sim.session import drive
 from dlo_sim.session.topics import CENTERLINE, CONTROL_POINTS
-from dlo_sim.simulation.report import DiscretizationError
 
 SHED = "markers_spared", "estimate_spared", "time_skipped"
 FAST = {"inputs.catch_up": 0.02}  # of each tick; ticks that come every 30 ms fall behind by 10
-
-
-class Spied:
-    """An estimate that looks at nothing."""
-
-    def __init__(self, simulator) -> None:
-        self.simulator, self.recent = simulator, DiscretizationError(0.0, 0.0)
-        self.order = 2
-
-    def advice(self, error) -> str:
-        return ""
-
-    def end(self) -> None:
-        pass
-
-    def next_look(self, steps: int) -> int:
-        return steps + 1000
-
-    def look(self, report) -> str:
-        return ""
 
 
 class Overloaded:
     """A gripper's poses at 50 Hz and a session whose ticks can be too rare."""
 
     def __init__(self, monkeypatch, **changes) -> None:
-        self.estimates: list[Spied] = []
+        self.estimates: list[FakeEstimate] = []
         monkeypatch.setattr(drive, "_estimate", self.make)
         estimated = {"accuracy.estimate": "auto"}
         self.bench = Bench(GRIPPER | FAST | estimated, live=True, **changes)
@@ -46,7 +25,7 @@ class Overloaded:
         self._seen = Counter()
 
     def make(self, simulator, poses=None):
-        self.estimates.append(Spied(simulator))
+        self.estimates.append(FakeEstimate(simulator))
         return self.estimates[-1]
 
     def run(self, seconds: float, period_ns: int) -> tuple[list[str], set[str]]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from plans import AT_ORIGIN, trajectory
 from rosbags.typesys import Stores, get_typestore
-from session_bench import MS, SECOND, T0
+from session_bench import MS, SECOND, T0, feed, poses
 
 from dlo_sim.scene.loading import SceneError, load_scene
 from dlo_sim.session import cdr, plans
@@ -27,11 +27,9 @@ def gripper(seconds):
 def session():
     """A cable that has been moved for a second; the newest pose is at NOW."""
     session = Session(load_scene("hanging_cable", SCENE))
-    encoder = cdr.StampedEncoder(cdr.POSE_STAMPED, "")
-    for now in range(T0, NOW + 1, 10 * MS):
-        position = gripper((now - T0) * 1e-9)
-        session.receive("/pose", encoder.encode(now, [*position, 0.0, 0.0, 0.0, 1.0]), now)
-        session.tick(now)
+    told = poses("/pose", gripper, T0, NOW + 1, frame="")
+    for _ in feed(session, told, T0, NOW + 1, 10 * MS):
+        pass
     return session
 
 

@@ -54,7 +54,7 @@ class TestReconfigure:
         assert loaded.session.stamp_ns == stamp
         assert np.allclose(loaded.simulator.control_points, points, atol=1e-12)
 
-    def test_limits_change_too(self, loaded):
+    def test_limits_of_inputs_change_with_the_scene(self, loaded):
         play(loaded, 1.0)
         loaded.session.reconfigure(loaded.scene.with_values({"inputs.max_force": 0.5}))
         loaded.wrench(T0 + SECOND, (1, 0, 0))

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from session_bench import MS, SECOND, T0
+from session_bench import MS, SECOND, T0, feed, poses
 
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.scene.loading import SceneError, scene_from_values
@@ -28,16 +28,20 @@ VALUES = {
 SCENE = scene_from_values(VALUES)
 
 
+def swinging(t):
+    """Where the gripper is after so many seconds."""
+    return 0.0, 0.0, 0.05 * np.sin(6.0 * t)
+
+
 def move(session, begin_ns, end_ns, force=0.0):
     """Poses of a gripper that swings, at 100 Hz, and a tick after each."""
-    poses = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
     wrench = cdr.StampedEncoder(cdr.WRENCH_STAMPED, "world")
-    for now in range(begin_ns, end_ns, 10 * MS):
-        height = 0.05 * np.sin((now - T0) * 6e-9)
-        session.receive("/pose", poses.encode(now, (0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0)), now)
-        if force:
-            session.receive("/wrench", wrench.encode(now, (0.0, force, 0.0, 0.0, 0.0, 0.0)), now)
-        session.tick(now)
+    told = list(poses("/pose", swinging, begin_ns, end_ns))
+    if force:
+        values = (0.0, force, 0.0, 0.0, 0.0, 0.0)
+        told += [(now, "/wrench", wrench.encode(now, values)) for now, *_ in told]
+    for _ in feed(session, told, begin_ns, end_ns, 10 * MS):
+        pass
 
 
 @pytest.fixture(scope="module")
@@ -247,28 +251,26 @@ def test_a_cable_lowered_onto_a_table_can_be_changed_and_goes_on(tmp_path):
     table = {"obstacles.names": ["table"], "obstacles.table.shape": "plane"}
     down = {"start.tangent": [0.0, 0.0, -1.0], "damping.mass": 5.0, "cable.diameter": 0.01}
     scene = scene_from_values(VALUES | above | table | down)
-    poses = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
 
-    def lower(session, begin_ns, duration_ns, first, last):
-        for now in range(begin_ns, begin_ns + duration_ns, 10 * MS):
-            height = first + (last - first) * (now - begin_ns) / duration_ns
-            session.receive("/pose", poses.encode(now, (0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0)), now)
-            session.tick(now)
+    def lower(session, begin_ns, end_ns):
+        """From 0.5 m to 0.2 m within a second."""
+        path = poses("/pose", lambda t: (0.0, 0.0, max(0.5 - 0.3 * t, 0.2)), begin_ns, end_ns)
+        for _ in feed(session, path, begin_ns, end_ns, 10 * MS):
+            pass
 
     session = Session(scene)
-    lower(session, T0, SECOND, 0.5, 0.2)
-    lower(session, T0 + SECOND, SECOND, 0.2, 0.2)
+    lower(session, T0, T0 + 2 * SECOND)
     lying = session.simulator.control_points
     assert (lying[:, 2] > 0.0).all()
     session.reconfigure(scene.with_values({"damping.mass": 6.0}))
     np.testing.assert_allclose(session.simulator.control_points, lying, atol=1e-9)
     raised = {"obstacles.table.position": [0.0, 0.0, 0.11]}  # above where the scene has its end
     session.reconfigure(session.scene.with_values(raised))
-    lower(session, T0 + 2 * SECOND, SECOND, 0.2, 0.2)
+    lower(session, T0 + 2 * SECOND, T0 + 3 * SECOND)
     lying = session.simulator.control_points
     save_state(tmp_path / "state", session.saved)
     again = Session(session.scene, resume=load_state(tmp_path / "state", session.scene)[0])
-    lower(again, T0 + 5 * SECOND, 70 * MS, 0.2, 0.2)
+    lower(again, T0 + 5 * SECOND, T0 + 5 * SECOND + 70 * MS)
     assert dict(again.journal.events)["resumed"] == 1
     np.testing.assert_allclose(again.simulator.control_points, lying, atol=2e-3)
 

@@ -168,7 +168,7 @@ class TestPause:
         assert np.abs(np.diff(places)).max() < 3.3 * 4e-3
         assert places[-1] == pytest.approx(fast(loaded.session.stamp_ns)[0], abs=2e-3)
 
-    def test_single_steps(self, loaded):
+    def test_a_paused_session_goes_on_in_single_steps(self, loaded):
         play(loaded, 1.0)
         assert loaded.session.step_once().advanced_steps == 0  # not paused
         loaded.session.pause(True)

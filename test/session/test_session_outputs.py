@@ -94,7 +94,7 @@ class TestMessages:
         assert len(stamps) > 350
         assert len(set(stamps)) == len(stamps)
 
-    def test_contents(self, loaded):
+    def test_outputs_hold_the_present_state(self, loaded):
         play(loaded, 1.0)
         loaded.session.pause(True)
         loaded.session.step_once()

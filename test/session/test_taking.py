@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from session_bench import MS, SECOND, T0
-from test_saved_state import VALUES
+from session_bench import MS, SECOND, T0, feed, poses
+from test_saved_state import VALUES, swinging
 
 from dlo_sim.core import bspline
 from dlo_sim.scene.loading import scene_from_values
@@ -24,17 +24,10 @@ YES, NO = b"\x00\x01\x00\x00\x01", b"\x00\x00\x00\x00\x00\x00\x00\x00"
 
 def play(session, end_ns, told=(), phase=0):
     """A gripper that swings at 100 Hz, Bools (arrival, bytes); states by their stamps."""
-    encoder, states = cdr.StampedEncoder(cdr.POSE_STAMPED, "world"), {}
-    messages = list(told)
-    for stamp in range(T0, end_ns, 10 * MS):
-        height = 0.05 * np.sin((stamp - T0) * 6e-9)
-        messages.append((stamp, encoder.encode(stamp, (0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0))))
-    messages.sort(key=lambda message: message[0])
-    for now in range(T0 + phase, end_ns, 5 * MS):
-        while messages and messages[0][0] <= now:
-            arrival, raw = messages.pop(0)
-            session.receive("/closed" if len(raw) < 16 else "/pose", raw, arrival)
-        session.tick(now)
+    messages = [(arrival, "/closed", raw) for arrival, raw in told]
+    messages += poses("/pose", swinging, T0, end_ns)
+    states = {}
+    for _ in feed(session, messages, T0 + phase, end_ns):
         if session.started:
             states[session.stamp_ns] = session.simulator.control_points
     return states

@@ -54,21 +54,6 @@ class Stream:
         return outcomes
 
 
-def test_stamps_near_the_clock_need_no_offset():
-    stream = Stream()
-    assert stream.send(100 * SECOND, 100 * SECOND + 900 * MS) == [USE]
-    assert stream.base.from_clock(5) == 5
-
-
-def test_first_stamp_of_another_epoch_fixes_the_offset_for_good():
-    stream = Stream()
-    assert stream.send(T0, CLOCK) == [USE]
-    assert stream.base.offset_ns == CLOCK - T0
-    assert set(stream.run(T0 + 20 * MS, 5.0, CLOCK - T0)) == {USE}
-    assert stream.base.from_clock(CLOCK + 7) == T0 + 7
-    assert stream.base.to_clock(stream.base.from_clock(CLOCK + 7)) == CLOCK + 7
-
-
 def test_which_messages_are_placed_by_their_stamp():
     for mode, stamp, placed in (
         ("auto", T0, T0),
@@ -100,21 +85,6 @@ def test_slow_messages_correct_an_offset_too():
     assert stream.base.offset_ns == 0
     assert stream.used == list(range(T0, over, SECOND))
     assert not stream.refused
-
-
-def test_a_clock_set_forward_refuses_nothing_that_is_dated_by_arrival():
-    """Until the jump is known, unstamped messages count at the clock: in the old offset, an hour
-    ahead.
-    """
-    stream = Stream(sources=2)
-    outcomes = {0: [], 1: []}
-    for k in range(300):
-        stamp = T0 + k * 20 * MS
-        clock = stamp + (3600 * SECOND if k >= 100 else 0)
-        outcomes[0] += stream.send(stamp, clock)
-        outcomes[1] += stream.send(0, clock + MS, source=1)
-    assert outcomes[0].count(OVER) == 1
-    assert outcomes[1] == [USE] * 300
 
 
 def test_while_the_clock_stands_still_few_wait():

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from fake_simulator import FakeSimulator
 from rosbags.typesys import Stores, get_typestore
-from session_bench import GRIPPER, LOADED, MS, SECOND, T0, motion
+from session_bench import GRIPPER, LOADED, MS, SECOND, T0, FakeFrames, motion
 
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import cdr
-from dlo_sim.session.diagnostics import Refused
 from dlo_sim.session.intake import Transform, in_world
 from dlo_sim.session.outputs import Outputs
 
@@ -22,29 +21,6 @@ QUARTER_TURN = (0.0, 0.0, HALF, HALF)  # about z: x becomes y
 CAMERA = Transform(0, (1.0, 2.0, 3.0), QUARTER_TURN)
 TF = {"inputs.tf": True}
 TOOL = {**{k: v for k, v in GRIPPER.items() if "pose_topic" not in k}, "start.tf_frame": "tool0"}
-
-
-class Frames:
-    """A camera that stands at an angle, and a tool that moves; both are known up to a time."""
-
-    def __init__(self) -> None:
-        self.known_ns = 1 << 62
-        self.tool: Transform | None = None
-        self.asked: list[int] = []
-        self.cleared = 0
-
-    def lookup(self, frame, stamp_ns):
-        if frame == "tool0" and stamp_ns is None and self.tool is not None:
-            return self.tool
-        if frame != "camera":
-            raise Refused("no_transform", f"frame_id '{frame}': nobody publishes it")
-        self.asked.append(stamp_ns)
-        if stamp_ns > self.known_ns:
-            raise Refused("no_transform", "frame_id 'camera': would extrapolate")
-        return CAMERA
-
-    def clear(self):
-        self.cleared += 1
 
 
 def in_camera(position):
@@ -73,7 +49,7 @@ def follow(bench, frames=None, known_after=0):
 def test_a_pose_in_another_frame_is_that_in_the_world_even_if_its_transform_comes_later(
     bench, known_after
 ):
-    frames = Frames()
+    frames = FakeFrames(camera=CAMERA)
     seen = bench(GRIPPER | TF, transforms=frames)
     path, expected = follow(seen, frames, known_after), follow(bench(GRIPPER))
     late = len(expected) - len(path)
@@ -85,7 +61,7 @@ def test_a_pose_in_another_frame_is_that_in_the_world_even_if_its_transform_come
 
 
 def test_a_message_whose_transform_does_not_come_is_refused_once_the_latency_is_over(bench):
-    frames = Frames()
+    frames = FakeFrames(camera=CAMERA)
     frames.known_ns = T0
     seen = bench(GRIPPER | TF, transforms=frames)
     seen.pose(T0, in_camera((0, 0, 0)), (0, 0, -HALF, HALF), frame="camera")
@@ -100,14 +76,14 @@ def test_a_message_whose_transform_does_not_come_is_refused_once_the_latency_is_
 
 
 def test_no_more_than_a_thousand_wait_while_the_clock_stands_still(bench):
-    seen = bench(GRIPPER | TF, transforms=Frames())
+    seen = bench(GRIPPER | TF, transforms=FakeFrames(camera=CAMERA))
     for number in range(1002):
         seen.pose(T0 + number, frame="nowhere", arrival=T0)
     assert seen.refused("/gripper_pose") == {"no_transform": 2}
 
 
 def test_a_force_is_turned_and_not_moved(bench):
-    seen = bench(LOADED | TF, transforms=Frames())
+    seen = bench(LOADED | TF, transforms=FakeFrames(camera=CAMERA))
     for now in range(T0, T0 + 200 * MS, 5 * MS):
         seen.pose(now)
         seen.wrench(now, (0.3, 0, 0.1), (0, 0.2, 0), frame="camera")
@@ -118,13 +94,13 @@ def test_a_force_is_turned_and_not_moved(bench):
 
 
 def test_an_unstamped_message_is_looked_up_at_its_arrival(bench):
-    frames = Frames()
+    frames = FakeFrames(camera=CAMERA)
     bench(GRIPPER | TF, transforms=frames).pose(0, frame="camera", arrival=T0 + 7)
     assert frames.asked == [T0 + 7]
 
 
 def test_the_frames_of_the_scene_are_not_looked_up_and_nothing_is_unless_asked_for(bench):
-    frames = Frames()
+    frames = FakeFrames(camera=CAMERA)
     asked = bench(GRIPPER | TF, transforms=frames)
     asked.pose(T0, frame="tool")
     asked.pose(T0)
@@ -144,13 +120,13 @@ def test_points_are_moved(kind):
 
 
 def test_an_end_follows_a_frame_as_it_follows_poses(bench):
-    frames = Frames()
+    frames = FakeFrames(camera=CAMERA)
     driven = bench(TOOL, transforms=frames)
     assert driven.session.tick(T0).message == "waiting for the first pose on tool0"
     path = []
     for now in range(T0, T0 + SECOND // 2, 5 * MS):
         if now % (10 * MS) == 0:
-            frames.tool = Transform(now, motion(now), (0.0, 0.0, 0.0, 1.0))
+            frames.found["tool0"] = Transform(now, motion(now), (0.0, 0.0, 0.0, 1.0))
         driven.session.tick(now)
         if driven.session.started:
             path.append(np.concatenate(driven.simulator.end_pose("start")))
@@ -160,8 +136,8 @@ def test_an_end_follows_a_frame_as_it_follows_poses(bench):
 
 
 def test_a_frame_that_stands_still_holds_an_end(bench):
-    frames = Frames()
-    frames.tool = Transform(0, (0.1, 0.2, 0.3), (0.0, 0.0, 0.0, 1.0))
+    frames = FakeFrames(camera=CAMERA)
+    frames.found["tool0"] = Transform(0, (0.1, 0.2, 0.3), (0.0, 0.0, 0.0, 1.0))
     driven = bench(TOOL, transforms=frames)
     driven.run(T0, T0 + 3 * SECOND)
     assert driven.simulator.end_pose("start")[0] == pytest.approx([0.1, 0.2, 0.3])

@@ -1,9 +1,7 @@
 """Loads: order, timeout, sign, and that each acts until the next (zero-order hold)."""
 
 import pytest
-from session_bench import FREE, MS, SECOND, Bench
-
-T0 = 1000 * SECOND
+from session_bench import FREE, MS, T0, Bench
 
 
 def forces(bench):

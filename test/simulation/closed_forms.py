@@ -139,16 +139,18 @@ def sag(rod: Rod, length: float, gap: float, spring: float = np.inf) -> float:
 
 
 @cache
-def cantilever_tip(rod: Rod, length: float) -> tuple[float, float]:
-    """Tip (x, z) [m] of a cable clamped along x at the origin; z < 0.
+def cantilever_tip(
+    rod: Rod, length: float, slope: float = 0.0, load: float = 0.0
+) -> tuple[float, float]:
+    """Tip (x, z) [m] of a cable clamped at the origin at an angle to x, with a force along z [N].
 
-    From the clamp, th = 0, V = -w L, to the tip, M = H = 0.
+    From the clamp, th = slope, V = F - w L, to the tip, M = H = 0.
     """
 
     def ends(clamp: Array, tip: Array, pull: Array) -> list[float]:
-        return [*clamp[:3], tip[3], pull[0]]
+        return [clamp[0], clamp[1], clamp[2] - slope, tip[3], pull[0]]
 
-    x, z, *_ = _solved(rod, length, -rod.weight * length, ends).tolist()
+    x, z, *_ = _solved(rod, length, load - rod.weight * length, ends).tolist()
     return x, z
 
 

@@ -51,8 +51,17 @@ def test_string_deflection_in_the_small():
     # Timoshenko & Gere, table 2-4: slope at the ends, P / Pcr, 1 - shortening
     [(40.0, 1.063, 0.881), (60.0, 1.152, 0.741), (100.0, 1.518, 0.349)],
 )
-def test_elastica(angle, load, gap):
+def test_a_buckled_elastica_has_the_gap_of_the_table(angle, load, gap):
     assert closed_forms.elastica_gap(load) == pytest.approx(gap, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("load", "x", "z"), [(1.0, 0.056, 0.302), (4.0, 0.329, 0.670), (10.0, 0.555, 0.811)]
+)
+def test_a_cantilever_under_a_tip_load(load, x, z):
+    """1 - x and z at P L^2 / EI: table of Bisshopp & Drucker 1945."""
+    found = closed_forms.cantilever_tip(closed_forms.Rod(1.0, 1e9, 0.0), 1.0, load=load)
+    assert (1.0 - found[0], found[1]) == pytest.approx((x, z), abs=6e-4)
 
 
 @pytest.mark.parametrize(("mass", "inertia"), [("consistent", 1.0 / 12.0), ("lumped", 0.08628)])

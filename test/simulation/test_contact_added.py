@@ -4,33 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cables import LYING, move, weight
 
-from dlo_sim import EndMotion, Obstacle, Simulator
+from dlo_sim import Obstacle, Simulator
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 
-LYING = {
-    "cable.length": 0.3,
-    "cable.diameter": 0.006,
-    "cable.youngs_modulus": 2e6,
-    "start.fixed": [False] * 3,
-    "end.position": [0.3, 0.0, 0.0],
-    "discretization.control_points": 9,
-    "damping.mass": 1.0,
-    "integrator.step": 5e-3,
-    "integrator.method": "energy_momentum",
-    "contact.friction": 0.5,
-}
 TABLE = Obstacle("table", position=(0.0, 0.0, -0.004))
 BOX = Obstacle("box", "box", (0.04, 0.04, 0.02), (0.15, 0.03, 0.006))
 
 
 def lying(**values):
     return Simulator(scene_from_values(LYING | values))
-
-
-def weight(sim):
-    return sim.scene.cable.mu * sim.scene.cable.length * 9.81
 
 
 @pytest.mark.parametrize("room", [0, 4])
@@ -67,11 +52,7 @@ def test_what_touches_stays_as_it_is_when_others_come():
     sim = lying()
     sim.add_obstacles([TABLE])
     sim.advance(0.3)
-    path = np.array([TABLE.position, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0)])
-    motion = EndMotion.from_coefficients(
-        sim.time, 1.0, path, np.array([0.0, 0.0, 0.0, 1.0]), np.zeros((2, 3))
-    )
-    sim.move_obstacle("table", motion)
+    move(sim, "table", 1.0, velocity=[0.1, 0.0, 0.0])
     sim.advance(0.5)
     before, place = sim.contact("table").forces, sim.end_pose("table")[0]
     thin = Obstacle("thin", "cylinder", (0.004, 0.004, 0.1), (0.9, 0.0, 0.0))
@@ -89,11 +70,7 @@ def test_a_box_that_comes_pushes_the_cable_aside():
     sim = lying()
     sim.add_obstacles([TABLE, BOX])
     sim.advance(0.3)
-    path = np.array([BOX.position, (0.0, -0.1, 0.0), (0.0, 0.0, 0.0)])
-    motion = EndMotion.from_coefficients(
-        sim.time, 0.2, path, np.array([0.0, 0.0, 0.0, 1.0]), np.zeros((2, 3))
-    )
-    sim.move_obstacle("box", motion)
+    move(sim, "box", 0.2, velocity=[0.0, -0.1, 0.0])
     sim.advance(0.5)
     assert sim.centerline([0.15])[0, 1] == pytest.approx(-0.01 - 0.003, abs=1e-3)
     assert sim.energy_error < 1e-4
@@ -162,15 +139,12 @@ def test_an_obstacle_that_yields_goes_on_when_a_grasp_takes_the_cable():
 
 def test_the_error_estimate_takes_obstacles_up():
     """It does not depend on how steps are divided into calls."""
-    path = np.array([TABLE.position, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0)])
-    turns, found = np.zeros((2, 3)), []
+    found = []
     for each in (1, 4, 40):
         estimate = ErrorEstimate.placed(lying())
         estimate.advance_steps(8)
         estimate.simulator.replace_added((TABLE,))
-        begin, turn = estimate.simulator.time, np.array([0.0, 0.0, 0.0, 1.0])
-        motion = EndMotion.from_coefficients(begin, 1.0, path, turn, turns)
-        estimate.simulator.set_motion("table", motion)
+        move(estimate.simulator, "table", 1.0, velocity=[0.1, 0.0, 0.0])
         for _ in range(40 // each):
             estimate.advance_steps(each)
         for one in (companion.simulator for companion in estimate.companions):
@@ -184,10 +158,8 @@ def test_the_error_estimate_takes_obstacles_up():
 def test_an_obstacle_that_goes_takes_its_motions_along():
     """One of the same name that comes after it rests."""
     sim = lying()
-    place = {"position": BOX.position, "orientation": [0.0, 0.0, 0.0, 1.0]}
-    first = EndMotion(start=0.0, duration=0.02, **place, velocity=[0.0, 1.0, 0.0])
     sim.add_obstacles([BOX])
-    sim.move_obstacle("box", first)
+    first = move(sim, "box", 0.02, velocity=[0.0, 1.0, 0.0])
     sim.move_obstacle("box", first.then(0.02))
     sim.remove_obstacles(["box"])
     sim.add_obstacles([BOX])

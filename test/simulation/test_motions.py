@@ -4,7 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
-from cables import FULL, SOFT, simulator
+from cables import FULL, SOFT, move, simulator
 
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
@@ -20,15 +20,9 @@ def cable(method="energy_momentum", scene=FULL):
 
 def chain(sim, end="start"):
     """Four motions of odd durations, the third with a sudden velocity and shorter than a step."""
-    position, orientation = sim.end_pose(end)
-    first = EndMotion(
-        start=sim.time,
-        duration=0.01237,
-        position=position,
-        orientation=orientation,
-        acceleration=[2.0, 1.0, -1.0],
-        angular_acceleration=[20.0, 5.0, 0.0],
-    )
+    rest = EndMotion.resting(*sim.end_pose(end), start=sim.time)
+    rates = {"acceleration": [2.0, 1.0, -1.0], "angular_acceleration": [20.0, 5.0, 0.0]}
+    first = rest.then(0.01237, **rates)
     second = first.then(0.0173, acceleration=[-1.0, 0.0, 2.0])
     third = second.then(7.1e-5, velocity=[0.05, 0.0, 0.02])
     fourth = third.then(0.0205, acceleration=[0.5, 0.0, 1.0], angular_acceleration=[-9.0, 0.0, 3.0])
@@ -110,23 +104,13 @@ def test_a_new_motion_replaces_what_comes_after_its_start():
     for motion in (first, second, second.then(0.01)):
         sim.set_motion("start", motion)
     sim.advance(0.004)
-    turn_back = EndMotion(
-        start=0.0207,
-        duration=0.01,
-        position=second.position_at(0.0207),
-        orientation=second.orientation_at(0.0207),
-        velocity=[-0.1, 0.0, 0.0],
-    )
+    place = second.position_at(0.0207), second.orientation_at(0.0207)
+    turn_back = EndMotion.resting(*place, start=0.0207).then(0.01, velocity=[-0.1, 0.0, 0.0])
     sim.set_motion("start", turn_back)
     sim.advance(0.05)
     assert sim.end_pose("start")[0] == pytest.approx(turn_back.position_at(1.0), abs=1e-12)
-    away = EndMotion(
-        start=sim.time + 0.011,
-        duration=1.0,
-        position=sim.end_pose("start")[0],
-        orientation=sim.end_pose("start")[1],
-        velocity=[0.3, 0.0, 0.0],
-    )
+    later = EndMotion.resting(*sim.end_pose("start"), start=sim.time + 0.011)
+    away = later.then(1.0, velocity=[0.3, 0.0, 0.0])
     sim.set_motion("start", away)
     sim.set_motion("start", away.then(1.0))
     before = sim.end_pose("start")[0]
@@ -139,9 +123,7 @@ def test_what_waits_is_checked_where_it_will_begin():
     sim = cable()
     first, second, *_ = chain(sim)
     sim.set_motion("start", first)
-    elsewhere = EndMotion(
-        start=first.end, duration=0.1, position=[0, 0, 0], orientation=[0, 0, 0, 1]
-    )
+    elsewhere = EndMotion.resting([0.0, 0.0, 0.0], start=first.end).then(0.1)
     with pytest.raises(ValueError, match=r"starts .* away .* at 0.01237 s; start it .*then") as no:
         sim.set_motion("start", elsewhere)
     assert "\n" not in str(no.value)
@@ -158,13 +140,9 @@ def test_what_waits_is_checked_where_it_will_begin():
 
 def test_twist_is_there_before_a_waiting_turn():
     """What a motion needs is there before its first step: no model is rebuilt within an advance."""
-    scene = {key: value for key, value in SOFT.items() if not key.startswith("loads.")}
     both = {"end.clamped": True, "end.fixed": [True] * 3}  # one alone cannot twist the cable
-    sim = simulator(scene, HELD, both, n=6, method="energy_momentum", step=2e-3)
-    position, orientation = sim.end_pose("start")
-    pose = {"position": position, "orientation": orientation}
-    first = EndMotion(start=0.0, duration=0.0051, **pose, velocity=[0.1, 0.0, 0.0])
-    sim.set_motion("start", first)
+    sim = simulator(SOFT, HELD, both, n=6, method="energy_momentum", step=2e-3)
+    first = move(sim, "start", 0.0051, velocity=[0.1, 0.0, 0.0])
     second = first.then(0.02, angular_velocity=[3.0, 0.0, 0.0])
     sim.set_motion("start", second)
     sim.set_motion("start", second.then(0.0077, angular_velocity=[-1.0, 0.0, 0.0]))

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from cables import move
+from cables import merged, move
 
 from dlo_sim.core import bspline
-from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scene
+from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.simulator import Simulator
 
@@ -16,10 +16,7 @@ WRUNG = HAND | {"loads.hand.signal": "constant", "loads.hand.torque": [0.0, 0.0,
 
 
 def shipped(name, *more):
-    values = {}
-    for part in more:
-        values |= part
-    return load_scene(shipped_scene(name), values)
+    return load_scene(name, merged(*more))
 
 
 @pytest.mark.parametrize(

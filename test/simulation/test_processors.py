@@ -4,17 +4,8 @@ import json
 
 import processors
 import pytest
+from test_sideways import HOSE
 
-HOSE = {
-    "cable.length": 1.0,
-    "cable.diameter": 0.012,
-    "cable.linear_density": 0.2,
-    "cable.axial_stiffness": 1e5,
-    "cable.bending_stiffness": 0.2,
-    "start.clamped": True,
-    "end.clamped": True,
-    "end.fixed": [True] * 3,
-}
 SCENES = {
     "slack over a table": {
         "start.position": [0.0, 0.0, 0.1],

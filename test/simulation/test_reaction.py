@@ -2,10 +2,19 @@
 
 import numpy as np
 import pytest
-from cables import FLAT, FULL, FULLY_DAMPED, MASS_DAMPED, SOFT, move, simulator
+from cables import (
+    FLAT,
+    FULL,
+    FULLY_DAMPED,
+    MASS_DAMPED,
+    MOTIONS,
+    SOFT,
+    momenta,
+    move,
+    simulator,
+)
 
 from dlo_sim.core import bspline, mass
-from dlo_sim.core.end_motion import EndMotion
 
 SPATIAL = {"terms.out_of_plane": "on"}
 WEIGHT = np.array([0.0, 0.0, -0.1 * 9.81])  # of the scene SOFT
@@ -14,24 +23,6 @@ LOAD = {
     "loads.tip.force": [0.1, 0.05, -0.2],
     "loads.tip.position": 0.7,
 }
-CLAMP = EndMotion(
-    start=0.0,
-    duration=1.0,
-    position=[0, 0, 0],
-    orientation=[0, 0, 0, 1],
-    velocity=[0.1, -0.3, 0.2],
-    acceleration=[6.0, 4.0, -8.0],
-    angular_velocity=[2.0, 0.5, -1.0],
-    angular_acceleration=[60.0, -16.0, 10.0],
-)
-SPRING = EndMotion(
-    start=0.0,
-    duration=1.0,
-    position=[1.0, 0, 0],
-    orientation=[0, 0, 0, 1],
-    velocity=[0.2, 0.1, -0.5],
-    acceleration=[-8.0, 6.0, 12.0],
-)
 
 
 def first_moment(sim):
@@ -115,28 +106,22 @@ def test_a_pinned_end_has_no_moment_and_a_guide_no_force_along_itself():
     assert abs(sim.reaction("end")[0][2]) > 0.1
 
 
-def momentum(sim):
-    """Momentum [kg m/s] and angular momentum about the origin [kg m^2/s]."""
-    impulses = mass.multiply(sim.model.mass(0), sim.velocities[:, :3])
-    return impulses.sum(axis=0), np.cross(sim.control_points[:, :3], impulses).sum(axis=0)
-
-
 def balance(sim, steps, motions):
     """d/dt of both momenta by differences over two steps, and the reactions and state between."""
     for end, motion in motions.items():
         sim.set_motion(end, motion)
     sim.advance_steps(steps)
-    before = momentum(sim)
+    before = momenta(sim)
     sim.advance_steps(1)
     now = [sim.reaction(end) for end in ("start", "end")]
     points, rates, inertia, lever = (
         sim.control_points[:, :3],
         sim.velocities[:, :3],
-        momentum(sim)[0],
+        momenta(sim)[0],
         first_moment(sim),
     )
     sim.advance_steps(1)
-    after = momentum(sim)
+    after = momenta(sim)
     if sim.method == "energy_momentum":  # the mean over the last two steps is that between them
         now = [sim.reaction(end) for end in ("start", "end")]
     change = [(b - a) / (2 * sim.step) for a, b in zip(before, after, strict=True)]
@@ -150,7 +135,7 @@ def test_forces_balance_the_change_of_momentum_while_both_ends_move(method, case
     scene = {"undamped": FULL, "mass": MASS_DAMPED}[case]
     masses = {"start.mass": 0.05, "end.mass": 0.03}
     sim = simulator(scene, LOAD, masses, n=8, method=method, step=1e-5)
-    change, now, _, _, inertia, _ = balance(sim, 3000, {"start": CLAMP, "end": SPRING})
+    change, now, _, _, inertia, _ = balance(sim, 3000, MOTIONS)
     damped = -sim.scene.damping.mass * inertia
     total = now[0][0] + now[1][0] + WEIGHT * 1.8 + np.array(LOAD["loads.tip.force"]) + damped
     assert np.abs(now[0][0]).max() > 0.5
@@ -161,7 +146,7 @@ def test_forces_balance_the_change_of_momentum_while_both_ends_move(method, case
 def test_forces_balance_with_every_damping():
     """Air drag is c times the integral of the velocity; stiffness damping is internal."""
     sim = simulator(FULLY_DAMPED, LOAD, n=8, method="energy_momentum", step=1e-5)
-    change, now, _, rates, inertia, _ = balance(sim, 3000, {"start": CLAMP, "end": SPRING})
+    change, now, _, rates, inertia, _ = balance(sim, 3000, MOTIONS)
     drag = -0.05 * mass.multiply(mass.gram(sim.model.knots), rates).sum(axis=0)
     total = now[0][0] + now[1][0] + WEIGHT + np.array(LOAD["loads.tip.force"])
     total = total - 0.8 * inertia + drag
@@ -172,7 +157,7 @@ def test_forces_balance_with_every_damping():
 def test_moments_balance_the_change_of_angular_momentum():
     """About the origin: reaction at the attachment, weight, load; there is no twist here."""
     sim = simulator(SOFT, LOAD, SPATIAL, n=8, method="velocity_verlet", step=1e-5)
-    change, now, points, _, _, lever = balance(sim, 3000, {"start": CLAMP})
+    change, now, points, _, _, lever = balance(sim, 3000, {"start": MOTIONS["start"]})
     force, moment = now[0]
     place = bspline.evaluate(points, sim.model.knots, [0.7])[0]
     total = moment + np.cross(points[0], force) + np.cross(lever, [0, 0, -9.81])
@@ -206,14 +191,7 @@ def test_the_reaction_of_a_stiff_cable_does_not_alternate_after_a_jump():
 def test_reactions_hold_within_a_motion_and_at_its_borders():
     """No spike where one motion ends and the next begins: the same force from both sides."""
     sim = simulator(SOFT, SPATIAL, n=8, method="velocity_verlet", step=1e-4)
-    first = EndMotion(
-        start=0.0,
-        duration=0.05,
-        position=[0, 0, 0],
-        orientation=[0, 0, 0, 1],
-        acceleration=[4.0, 0.0, 8.0],
-    )
-    sim.set_motion("start", first)
+    first = move(sim, "start", 0.05, acceleration=[4.0, 0.0, 8.0])
     sim.advance_steps(499)
     before = sim.reaction("start")[0]
     sim.advance_steps(1)

@@ -112,6 +112,7 @@ SCENES = [
         for name in ("velocity_verlet", "rk4", "zhai")
     ),
     (WIRE, {METHOD: "forest_ruth", "damping.mass": 1.0, STEP: 1e-4}, "damping.mass 1, .* sub-ste"),
+    (WIRE, {METHOD: "forest_ruth", STEP: 1e-2}, "step: 0.01 s exceeds the stability limit"),
     (WIRE, {METHOD: "generalized_alpha", STEP: 1e-3}, "'generalized_alpha'.*; use energy_momentum"),
     (WIRE, {METHOD: "velocity_verlet", "damping.stiffness": 0.01, STEP: 1e-6}, "damping.stiffness"),
     (SOFT, {"terms.plasticity": "on"}, "needs plasticity.yield_curvature"),

@@ -7,7 +7,7 @@ from corpus import draw_swing
 
 from dlo_sim.core.methods import IMPLICIT, METHODS, RUNGE_KUTTA, SPLITTING, ZHAI
 from dlo_sim.scene import terms
-from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scene
+from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values
 from dlo_sim.simulation.selection import less_work
 from dlo_sim.simulation.simulator import Simulator
 
@@ -131,7 +131,7 @@ def test_damping_that_thins_has_one_method(method="implicit_midpoint"):
 
 
 def test_what_would_take_far_less_work_is_known():
-    wire = load_scene(shipped_scene("paper_wire"))
+    wire = load_scene("paper_wire")
     slow = wire.with_values({"integrator.method": "forest_ruth", "integrator.step": 1e-8})
     other = less_work(slow, Simulator(slow).choice)
     assert other is not None

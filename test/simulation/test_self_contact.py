@@ -4,15 +4,14 @@ import warnings
 
 import numpy as np
 import pytest
-from cables import move, simulator
+from cables import momenta, move, simulator
 
 from dlo_sim import Plan
-from dlo_sim.core import bspline, mass
+from dlo_sim.core import bspline
 from dlo_sim.session import cdr
 from dlo_sim.session.outputs import Outputs
 from dlo_sim.session.topics import CONTACTS
 from dlo_sim.simulation import self_contact
-from dlo_sim.studies.strands import linked, plectoneme
 
 DIAMETER, COUNT = 0.005, 26
 CABLE = {
@@ -106,12 +105,6 @@ def pulled_apart(sim, points):
     for name, way in (("start", -out), ("end", out)):
         move(sim, name, 1.0, velocity=way)
     return sim
-
-
-def momenta(sim):
-    """Momentum and angular momentum."""
-    flow = mass.dense(sim.model.mass(0)) @ sim.velocities[:, :3]
-    return flow.sum(axis=0), np.cross(sim.control_points[:, :3], flow).sum(axis=0)
 
 
 def shown_lines(sim):
@@ -305,38 +298,6 @@ def test_strands_that_grippers_squeezed_part_slowly():
     assert np.abs(sim.velocities).max() < 4.0
     assert sim.clearance_to_itself > -0.01 * DIAMETER
     assert sim.energy_error < 1e-6
-
-
-def test_linked_loops_bear_the_tension_of_their_legs():
-    """Penetration below a hundredth of the diameter; with grasps between control points."""
-    found = linked(70)
-    assert abs(found.answers[0].error) < 0.01
-    assert found.answers[0].exact > 3.0
-    assert -0.01 * DIAMETER < found.simulator.contacts["itself"].clearance < 0.0
-
-
-def test_a_twisted_cable_that_coils_keeps_its_link():
-    """To a hundredth of a turn; one crossing would change it by two."""
-    found = plectoneme(40)
-    assert found.answers[0].value == pytest.approx(8.0, abs=0.01)
-    account = found.simulator.cable.account
-    assert account.crossed == account.pairs_lost == 0.0
-    assert found.simulator.contacts["itself"].total > 0.1
-
-
-def test_a_snapshot_continues_bit_for_bit():
-    sim = thrown({"contact.friction": 0.4})
-    sim.advance(0.0104)
-    stored = sim.energy().contact
-    assert stored > 0.0
-    kept = sim.snapshot()
-    sim.advance(0.002)
-    sim.advance(0.002)
-    ended = sim.control_points
-    sim.restore(kept)
-    assert sim.energy().contact == stored
-    sim.advance(0.004)
-    assert (sim.control_points == ended).all()
 
 
 def test_what_is_far_from_itself_is_as_without():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cables import move
+from cables import merged, move
 
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation import buckling
@@ -29,9 +29,8 @@ U = np.linspace(0.0, 1.0, 101)
 
 def hose(gap, tangents=(ALONG, ALONG), **more):
     """Between clamps a gap apart along x, with keys like cable__bending_stiffness."""
-    values = {"end.position": [gap, 0.0, 1.0], "start.tangent": tangents[0]}
-    values |= {"end.tangent": tangents[1]}
-    return HOSE | values | {key.replace("__", "."): value for key, value in more.items()}
+    ends = {"start.tangent": tangents[0], "end.tangent": tangents[1]}
+    return merged(HOSE, ends, {"end.position": [gap, 0.0, 1.0]}, **more)
 
 
 TABLE = hose(0.6, cable__bending_stiffness=0.005) | {

@@ -3,18 +3,17 @@
 import math
 
 import pytest
-from cables import move
+from cables import merged, move
 
 from dlo_sim.core.methods import METHODS
-from dlo_sim.scene.loading import load_scene, shipped_scene
+from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation.report import balance_warning
 from dlo_sim.simulation.simulator import Simulator
 
 
 def spun(turns, duration, **values):
     """hanging_cable, whose gripper spins from rest at so many turns per second."""
-    changed = {key.replace("__", "."): value for key, value in values.items()}
-    sim = Simulator(load_scene(shipped_scene("hanging_cable"), changed))
+    sim = Simulator(load_scene("hanging_cable", merged(**values)))
     move(sim, "start", duration, angular_velocity=[0.0, 0.0, -2.0 * math.pi * turns])
     return sim, sim.advance(duration)
 

@@ -101,7 +101,7 @@ def test_a_spike_is_left_out(swinging, marker):
     assert np.abs(sim.centerline(U) - clean.centerline(U)).max() < 6e-3
 
 
-def test_a_free_end(swinging):
+def test_a_cable_with_a_free_end_starts_from_points(swinging):
     hanging = {"end.fixed": [False] * 3, "end.clamped": False, "end.position": [0.0, 0.0, -1.0]}
     angle = 0.8 * U
     points = np.stack([np.sin(angle) ** 2, np.zeros(12), -np.sin(angle) * np.cos(angle)], 1) / 0.8

@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
-from cables import FULL, FULLY_DAMPED, SINE_LOAD, SOFT, scene_of, set_state, simulator
+from cables import FULL, FULLY_DAMPED, MOTIONS, SINE_LOAD, SOFT, scene_of, set_state, simulator
+from test_contact import DAMPED, falling
+from test_self_contact import thrown
+from test_sliding import pulled
+from test_symmetry import pressed
 
-from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.simulation.report import Status
@@ -12,16 +15,6 @@ from dlo_sim.simulation.simulator import Simulator
 
 LOAD = SINE_LOAD | {"loads.tip.position": 0.6}
 CONSTANT = LOAD | {"loads.tip.signal": "constant"}
-CLAMP = EndMotion(
-    start=0.0,
-    duration=0.05,
-    position=[0, 0, 0],
-    orientation=[0, 0, 0, 1],
-    velocity=[0.1, -0.3, 0.2],
-    acceleration=[6.0, 4.0, -8.0],
-    angular_velocity=[2.0, 0.5, 0],
-    angular_acceleration=[60.0, 0.0, 8.0],
-)
 NAMES = list(METHODS)
 CASES = [(name, FULL) for name in NAMES] + [("energy_momentum", FULLY_DAMPED)]
 IDS = [*NAMES, "damped"]
@@ -29,7 +22,7 @@ IDS = [*NAMES, "damped"]
 
 def moving(method, scene, load=LOAD):
     sim = simulator(scene, load, n=6, method=method, step=3e-4)
-    sim.set_motion("start", CLAMP)
+    sim.set_motion("start", MOTIONS["start"])
     return sim
 
 
@@ -100,7 +93,7 @@ def test_restoring_goes_on_with_the_same_bits(method, scene):
 
 
 @pytest.mark.parametrize(("method", "scene"), CASES, ids=IDS)
-def test_reset_starts_over(method, scene):
+def test_a_reset_starts_over_with_the_same_bits(method, scene):
     sim = moving(method, scene)
     sim.advance_steps(60)
     expected = everything(sim)
@@ -109,7 +102,7 @@ def test_reset_starts_over(method, scene):
     sim.reset()
     assert (sim.time, sim.steps) == (0.0, 0)
     assert same(sim.control_points, simulator(scene, LOAD, n=6, method=method).control_points)
-    sim.set_motion("start", CLAMP)
+    sim.set_motion("start", MOTIONS["start"])
     sim.advance_steps(60)
     assert same(everything(sim), expected)
 
@@ -123,6 +116,32 @@ def test_looking_changes_nothing(method, scene):
         watched.snapshot()
         alone.advance_steps(3)
     assert same(everything(watched), everything(alone))
+
+
+EVENTFUL = {  # a simulator, the time before what happens [s], and its steps then
+    "sticks to a table": (lambda: falling({"obstacles.table.friction": 0.5}, DAMPED), 0.4, 60),
+    "strands collide": (lambda: thrown({"contact.friction": 0.4}), 0.0104, 20),
+    "buckles": (lambda: pressed(3.0), 0.0, 60),
+    "slides in a guide": (lambda: pulled(0.9, 0.05), 0.0, 40),
+}
+
+
+@pytest.mark.parametrize("name", EVENTFUL)
+def test_contact_slides_and_buckling_go_on_with_the_same_bits(name):
+    """In pieces and after restoring; friction and pushes are not told by the present shape."""
+    make, begin, steps = EVENTFUL[name]
+    whole, pieces = make(), make()
+    for sim in (whole, pieces):
+        sim.advance(begin)
+    kept, moved = pieces.snapshot(), whole.control_points
+    whole.advance_steps(steps)
+    for part in (1, 6, steps - 7):
+        pieces.advance_steps(part)
+    assert same(pieces.cable.state, whole.cable.state)
+    assert np.abs(whole.control_points - moved).max() > 0.0
+    pieces.restore(kept)
+    pieces.advance_steps(steps)
+    assert same(pieces.cable.state, whole.cable.state)
 
 
 def test_what_came_in_on_the_way_leaves_again_with_a_restore():

@@ -6,6 +6,7 @@ from cables import (
     FLAT,
     FULL,
     MASS_DAMPED,
+    MOTIONS,
     SOFT,
     Bench,
     Reference,
@@ -23,16 +24,7 @@ from dlo_sim.simulation.stepper import Stepper
 
 # Methods whose step depends on the state alone; Zhai's carries an acceleration along.
 ONE_STEP = [method for method in METHODS.values() if method.name != "zhai"]
-MOVING = EndMotion(
-    start=0.0,
-    duration=1.0,
-    position=[0, 0, 0],
-    orientation=[0, 0, 0, 1],
-    velocity=[0.3, -0.5, 0.2],
-    acceleration=[6.0, 4.0, -8.0],
-    angular_velocity=[2.0, 0, 0],
-    angular_acceleration=[60.0, 0.0, 0.0],
-)
+MOVING = MOTIONS["start"]
 EXACT = {"integrator.tolerance": 1e-15}
 SPEED = 1200.0  # [rad/s], about the largest frequency of the scenes
 
@@ -185,6 +177,17 @@ def test_a_symmetric_method_goes_back_the_way_it_came(method):
         assert left < allowed * way
     else:
         assert left > 1e-10 * way
+
+
+def test_zhai_with_one_half_walks_in_the_steps_of_verlet():
+    tracks = []
+    for method in ("velocity_verlet", "zhai"):
+        sim = simulator(FULL, n=6, method=method, step=1e-4)
+        sim.set_motion("start", MOVING)
+        assert sim.advance_steps(800).status.ok
+        tracks.append((sim.control_points, sim.velocities))
+    assert np.abs(tracks[0][0] - tracks[1][0]).max() < 1e-12 * np.abs(tracks[0][0]).max()
+    assert np.abs(tracks[0][1] - tracks[1][1]).max() > 1e-6  # its velocities are others
 
 
 def spectral_radius(sim, bench, omega):

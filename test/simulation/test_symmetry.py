@@ -94,20 +94,6 @@ def test_it_grows_at_the_rate_of_the_linear_theory():
     assert growth == pytest.approx(rate, rel=0.01)
 
 
-def test_the_same_bits_however_the_run_is_divided_and_after_a_restart():
-    one, other = pressed(3.0), pressed(3.0)
-    steps = 60
-    one.advance_steps(steps)
-    for part in (1, 6, 2, 11, 17):
-        other.advance_steps(part)
-    kept = other.snapshot()
-    other.advance_steps(9)
-    other.restore(kept)
-    other.advance_steps(steps - 37)
-    assert across(one) > 0.0
-    assert np.array_equal(one.control_points, other.control_points)
-
-
 def test_a_load_below_a_gripper_that_drops_goes_slack():
     """Dropped by 0.8 m at 2 g for 0.2 s and stopped: the rope cannot push, the load falls freely
     until it is caught with hundreds of newtons. Without the push it stays straight, and pushes with

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import elasticity
 import numpy as np
 import pytest
+from cables import merged
 
 from dlo_sim.core import bspline, quadrature
 from dlo_sim.core.methods import METHODS, RUNGE_KUTTA, SPLITTING, ZHAI, Method
-from dlo_sim.scene.loading import load_scene, shipped_scene
+from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.paper.interpreted import Wire
 
@@ -68,8 +69,7 @@ def _zhai(wire, state, method: Method, t, tau) -> None:
 
 
 def scene(**values):
-    dotted = {key.replace("__", "."): value for key, value in values.items()}
-    return load_scene(shipped_scene("paper_wire_force"), dotted)
+    return load_scene("paper_wire_force", merged(**values))
 
 
 @pytest.mark.parametrize("method", METHODS_OF_THE_PAPER)

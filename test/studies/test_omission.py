@@ -6,10 +6,10 @@ import pytest
 from study_tables import quick, rows_of
 
 from dlo_sim.scene import needs
-from dlo_sim.scene.loading import load_scene, shipped_scene, shipped_scenes
+from dlo_sim.scene.loading import load_scene, shipped_scenes
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies import omission as study_module
-from dlo_sim.studies.omission import QUICK_TERMS, TERMS, Row, has, job, variants
+from dlo_sim.studies.omission import QUICK_TERMS, TERMS, Row, has, variants
 from dlo_sim.tuning.trial import attempt
 
 pytestmark = pytest.mark.slow
@@ -32,11 +32,8 @@ def test_every_term_is_known():
     assert {*TERMS, "bishop"} == {*needs.NAMES, "out_of_plane", "air_drag"}
 
 
-def test_every_term_asked_for_has_a_row(rows):
-    assert tuple(rows) == QUICK_TERMS
-
-
 def test_every_term_is_timed_with_and_without(rows):
+    assert tuple(rows) == QUICK_TERMS
     for row in rows.values():
         assert 0.0 < float(row["with [us/step]"]) < 1e4
         assert 0.0 < float(row["without [us/step]"]) < 1e4
@@ -60,7 +57,7 @@ def test_what_is_left_out_does_not_matter_and_the_rest_does(rows):
 @pytest.mark.parametrize("name", shipped_scenes())
 def test_every_shipped_scene_has_every_term_with_and_without(name):
     """Nothing is compiled here: scenes alone."""
-    scene = load_scene(shipped_scene(name))
+    scene = load_scene(name)
     found = variants(scene)
     assert [variant.term for variant in found] == list(TERMS)
     for variant in found:
@@ -81,24 +78,7 @@ def test_a_term_that_nothing_can_put_in_says_so(monkeypatch):
     nothing = study_module.Term(lambda scene: {}, lambda scene: {}, reason="not wanted")
     monkeypatch.setitem(TERMS, "plasticity", nothing)
     with pytest.raises(RuntimeError, match="no two scenes differ in the term plasticity alone"):
-        variants(load_scene(shipped_scene("paper_wire")))
-
-
-def test_grippers_move_unless_they_are_put_in():
-    scene = load_scene(shipped_scene("two_grippers"))
-    found = {variant.term: variant for variant in variants(scene)}
-    assert found["twist"].automatic and found["twist"].bare.terms.twist == "off"
-    assert found["stretch"].bare.terms.stretch == "off"
-    assert found["drive"].full.start.driven and not found["drive"].bare.start.driven
-    assert not found["drive"].still
-    ((end, motion),) = job(scene, 1.0).motions
-    assert end == "start"
-    assert motion.position_at(0.5) == pytest.approx([0.0, 0.0375, 0.5])
-    assert motion.position_at(1.0) == pytest.approx([0.0, 0.15, 0.5])
-    wire = load_scene(shipped_scene("paper_wire"))
-    put_in = {variant.term: variant for variant in variants(wire)}["drive"]
-    assert put_in.still and put_in.full.start.driven
-    assert job(put_in.full, 1.0, put_in.still).motions == ()
+        variants(load_scene("paper_wire"))
 
 
 def test_a_run_that_fails_at_its_own_step_is_done_at_a_smaller_one(monkeypatch):
@@ -110,7 +90,7 @@ def test_a_run_that_fails_at_its_own_step_is_done_at_a_smaller_one(monkeypatch):
         return replace(trial, message="the energy grew") if fails else trial
 
     monkeypatch.setattr(study_module, "attempt", diverging)
-    scene = load_scene(shipped_scene("hanging_cable"))
+    scene = load_scene("hanging_cable")
     (stretch,) = (variant for variant in variants(scene) if variant.term == "stretch")
     full, bare = (study_module.motion(*piece) for piece in study_module.pieces(stretch, 0.02))
     assert full.ok and full.setting.step == 0.0

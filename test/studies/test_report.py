@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from dlo_sim.batch.workers import HERE
-from dlo_sim.scene.loading import load_scene, shipped_scene
+from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies import Request
 from dlo_sim.studies import report as report_module
-from dlo_sim.studies.report import Report, draw, new_figure, shown
+from dlo_sim.studies.report import Report, shown
 from dlo_sim.studies.runs import bisected, step_cost
 
 
@@ -37,7 +37,7 @@ def report(tmp_path):
         (float("nan"), "nan"),
     ],
 )
-def test_cells_for_people(cell, text):
+def test_numbers_in_cells_are_short_enough_for_people(cell, text):
     assert shown(cell) == text
 
 
@@ -93,7 +93,7 @@ def test_the_largest_value_that_holds_is_bracketed():
 
 
 def test_step_cost_resets_and_refuses_a_failed_run():
-    wire = load_scene(shipped_scene("paper_wire"), {"integrator.method": "velocity_verlet"})
+    wire = load_scene("paper_wire", {"integrator.method": "velocity_verlet"})
     simulator = Simulator(wire)
     cost = step_cost(simulator, 1e-4, 3)
     assert 0.0 < cost.best and 0.0 <= cost.spread
@@ -101,37 +101,6 @@ def test_step_cost_resets_and_refuses_a_failed_run():
     wild = Simulator(wire.with_values({"integrator.step": 1e-3}), unchecked_step=True)
     with pytest.raises(RuntimeError, match="timing a run that failed"):
         step_cost(wild)
-
-
-def test_a_chart_has_a_panel_and_a_line_for_each_name(report, monkeypatch):
-    drawn = []
-    monkeypatch.setattr(
-        report_module, "draw", lambda axes, lines, *rest: drawn.append((lines, *rest))
-    )
-    rows = [["here", "rk4", 1.0, 0.1], ["here", "zhai", 2.0, 0.2], ["there", "rk4", 4.0, 0.4]]
-    report.chart("errors", "where | method | time [s] | error [%]", rows, "Errors", "xy")
-    assert [(lines, title) for lines, _, _, _, title, _ in drawn] == [
-        ({"rk4": [[1.0, 10.0]], "zhai": [[2.0, 20.0]]}, "here"),
-        ({"rk4": [[4.0, 40.0]]}, "there"),
-    ]
-    assert [rest[1:4] for rest in drawn] == [("time [s]", "error [%]", "xy")] * 2
-    monkeypatch.undo()
-    _, (axes,) = new_figure()
-    draw(axes, drawn[0][0], "time [s]", "error [%]", "xy")
-    assert [list(line.get_ydata()) for line in axes.lines] == [[10.0], [20.0]]
-    assert (axes.get_xlabel(), axes.get_yscale()) == ("time [s]", "log")
-
-
-def test_maps_and_bars_show_the_values_of_their_rows(report, monkeypatch):
-    figures = []
-    monkeypatch.setattr(report, "figure", lambda name, figure, caption: figures.append(figure))
-    report.heat_map("map", "n | m | rms [mm] {:.1f}", [[2, 1, 1e-3], [1, 1, 0.0], [1, 3, 2e-3]], "")
-    report.bars("bars", "method | step [us]", [["rk4", 2e-6], ["zhai", 5e-6]], "")
-    heat, bars = (figure.axes[0] for figure in figures)
-    # Rows ascend upwards; a missing cell and one of 0 have no number.
-    assert heat.images[0].get_array().tolist() == [[0.0, 2.0], [1.0, 0.0]]
-    assert [text.get_text() for text in heat.texts] == ["2.0", "1.0"]
-    assert [bar.get_width() for bar in bars.patches] == [2.0, 5.0]
 
 
 def test_nothing_is_written_over(report):

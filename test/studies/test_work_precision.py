@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from study_tables import quick, rows_of
 
-from dlo_sim.batch.workers import HERE, open_workers
 from dlo_sim.studies import work_precision as study_module
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, attempt, error
@@ -79,16 +78,6 @@ def test_another_method_agrees_with_every_reference(study):
         assert 0.0 < float(row["own error in space [%]"]) < 1.0
 
 
-def test_worker_processes_give_the_same_references():
-    case = study_module.cantilever().shortened(0.1, (9, 11))
-    with open_workers(processes=2) as workers:
-        there = study_module.references([case], workers)[case.name]
-    here = study_module.references([case], HERE)[case.name]
-    assert np.array_equal(there.points, here.points) and np.ptp(here.points[:, 0, 2]) > 0.01
-    for name in ("space", "time", "check", "disagreement"):
-        assert getattr(there, name) == getattr(here, name)
-
-
 def test_errors_fall_with_resolution_and_time_is_of_second_order(study):
     space = rows_of(study[0], "space")
     errors = {}
@@ -142,33 +131,6 @@ def test_a_front_is_what_nothing_beats():
     ]
     assert study_module.fastest(runs, 5.5).wall == 1.0
     assert study_module.fastest(runs, 0.5) is None
-
-
-def test_gripper_closes_by_02_in_two_seconds_smoothly():
-    times = np.linspace(0.0, 2.0, 201)
-    (_, first), (_, second) = study_module.closing()
-    gaps = np.array([(first if t < 1.0 else second).position_at(t)[0] for t in times])
-    assert gaps[0] == 1.0 and gaps[-1] == pytest.approx(0.8, abs=1e-12)
-    assert gaps[100] == pytest.approx(0.9, abs=1e-12)
-    speed = np.diff(gaps) / 0.01
-    assert np.abs(np.diff(speed)).max() < 0.2 * 0.011  # no jump of the speed: 0.2 m/s^2
-
-
-def test_a_failed_run_has_infinite_error_and_no_time():
-    case = study_module.wire(1)
-    trial = attempt(Job(case.scene, 0.1, (0.5,)), Setting("velocity_verlet", 7, 2e-3))
-    assert not trial.ok and "stability limit" in trial.message
-    assert trial.wall == np.inf
-    assert error(trial.points, np.zeros((101, 1, 3))) == np.inf
-
-
-def test_the_first_look_is_the_start_of_a_cable_that_is_not_level():
-    """In the plane the rows of a state are x and z: the sample at the start once had y for z."""
-    trial = attempt(
-        Job(study_module.chain().scene, 0.01, (0.5, 1.0)), Setting("velocity_verlet", 7)
-    )
-    tip = np.array(study_module.chain().scene.end.position)
-    assert trial.points[0] == pytest.approx(np.array([0.5 * tip, tip]), abs=1e-12)
 
 
 def test_error_is_the_worst_rms():

@@ -4,20 +4,17 @@ import contextlib
 import io
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from progress import rises, shown_progress
 
 from dlo_sim.cli.main import main
-from dlo_sim.cli.tune import _comments
 from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.loading import (
     load_scene,
     scene_from_values,
     scene_values,
-    shipped_scene,
     shipped_scenes,
 )
 from dlo_sim.scene.plain_yaml import parse_yaml
@@ -30,7 +27,6 @@ from dlo_sim.tuning.search import (
     _Search,
     _steps,
     _without_terms,
-    tune,
 )
 from dlo_sim.tuning.setting import Setting, present_setting, ways_to_resolve
 from dlo_sim.tuning.trial import Job, attempt, farthest, timed_again
@@ -128,20 +124,6 @@ def test_comments_say_what_was_measured(tuned):
     assert "stretch by span" not in setting and "stretch by span" in reference
 
 
-def test_comments_name_what_was_set_in_one_line():
-    options = SimpleNamespace(
-        scene="mine.yaml",
-        tolerance=1e-3,
-        duration=0.5,
-        assignments=["accuracy.estimate=on", "end.position=[1,\n 0]"],
-    )
-    facts = {"faster_than_present": None, "method": "zhai", "setting": "", "tried": 1}
-    numbers = ("error_m", "reference_error_m", "wall_s_per_s", "spread", "real_time_factor")
-    facts |= dict.fromkeys(numbers, 1.0) | {"repeats": 2, "reference": ""}
-    first, _ = _comments(options, facts)
-    assert "--set accuracy.estimate=on --set 'end.position=[1, 0]'" in first
-
-
 def test_nothing_within_the_tolerance_is_status_3_and_writes_nothing(tmp_path, capsys):
     path = tmp_path / "tuned.yaml"
     arguments = ["tune", "paper_wire", "--tolerance", "1e-13", "--duration", "0.01", "--json"]
@@ -154,7 +136,7 @@ def test_nothing_within_the_tolerance_is_status_3_and_writes_nothing(tmp_path, c
 
 @pytest.mark.parametrize("name", shipped_scenes())
 def test_written_scenes_read_back_the_same(name, tmp_path):
-    scene = load_scene(shipped_scene(name))
+    scene = load_scene(name)
     path = tmp_path / "scene.yaml"
     path.write_text(scene_text(scene, ["a line", ""]), encoding="utf-8")
     assert load_scene(path) == scene
@@ -195,7 +177,7 @@ def test_timing_again_keeps_the_least():
 
 
 def _wire(overrides):
-    return load_scene(shipped_scene("paper_wire"), overrides)
+    return load_scene("paper_wire", overrides)
 
 
 def _quiet(fraction):
@@ -283,19 +265,6 @@ def test_a_reference_without_an_implicit_method_says_what_the_explicit_one_lacks
     assert converged(job, 1e-3).setting.method == "velocity_verlet"
     with pytest.raises(NoReference, match="does not converge to 1e-16 m in time"):
         _method_and_step(job, 1e-16)
-
-
-def test_tune_tries_both_ways_with_every_method(monkeypatch):
-    kinds = set()
-    nothing = Reference(np.zeros((0, 21, 3)), Setting("velocity_verlet", 13), 0.0)
-    monkeypatch.setattr("dlo_sim.tuning.search.converged", lambda *arguments: nothing)
-    monkeypatch.setattr(
-        "dlo_sim.tuning.search._method",
-        lambda search, kind: kinds.add((kind.method, kind.samples, kind.stretch)),
-    )
-    assert tune(_wire({"integrator.method": "energy_momentum"}), 1e-3, 0.01).best is None
-    both = {(method, n, way) for method in TRIED for n in (2, 3) for way in ("sample", "span")}
-    assert kinds == both
 
 
 def test_the_present_setting_is_the_scene_s_own():
