@@ -164,7 +164,7 @@ def test_messages_that_cannot_be_used_are_refused():
 
 
 def test_an_estimate_of_the_error_is_refused_beside_it():
-    with pytest.raises(SceneError, match="accuracy.estimate: on cannot be had"):
+    with pytest.raises(SceneError, match="accuracy.estimate: 'on' cannot be had"):
         scene(SEEN, **{"accuracy.estimate": "on"})
 
 
