@@ -352,35 +352,32 @@ class Intake:
         topic.waiting.append((message, arrival_ns))
         return self._look_up(topic, arrival_ns, patience_ns)
 
-    def sample(self, clock_ns: int, patience_ns: int) -> list[Accepted]:
-        """Take the newest pose of every tf2 frame that drives an end effector or an obstacle,
-        unless it was taken before, as a message that arrives at this clock time [ns].
-        """
-        accepted: list[Accepted] = []
-        if self._transforms is None:
-            return accepted
-        for frame, last_ns in self._sampled.items():
-            try:
-                stamp_ns, position, orientation = self._transforms.lookup(frame, None)
-            except Refused:  # the session reports that it waits
-                continue
-            if stamp_ns and stamp_ns == last_ns:
-                continue
-            self._sampled[frame] = stamp_ns
-            topic = self._topics[frame]
-            topic.record.last_arrival_ns = clock_ns
-            topic.waiting.append((Stamped(stamp_ns, "", (*position, *orientation)), clock_ns))
-            accepted += self._look_up(topic, clock_ns, patience_ns)
-        return accepted
-
     def due(self, clock_ns: int, patience_ns: int) -> list[Accepted]:
-        """Messages that have waited and are to be used at this clock time [ns]."""
+        """Messages that have waited, and new poses of tf2, to be used at this clock time [ns]."""
         accepted: list[Accepted] = []
+        if self._transforms is not None:
+            self._sample(self._transforms, clock_ns)
         for topic in self._topics.values():
-            accepted += self._look_up(topic, clock_ns, patience_ns)
+            if topic.waiting:
+                accepted += self._look_up(topic, clock_ns, patience_ns)
             if topic.source.pending or topic.source.undated:
                 accepted += self._follow(topic, self.time_base.due(topic.source, clock_ns))
         return accepted
+
+    def _sample(self, transforms: Transforms, clock_ns: int) -> None:
+        """Take the newest pose of every tf2 frame that drives an end effector or an obstacle,
+        unless it was taken before, as a message that arrives at this clock time [ns].
+        """
+        for frame, last_ns in self._sampled.items():
+            try:
+                stamp_ns, position, orientation = transforms.lookup(frame, None)
+            except Refused:  # the session reports that it waits
+                continue
+            if not stamp_ns or stamp_ns != last_ns:
+                self._sampled[frame] = stamp_ns
+                topic = self._topics[frame]
+                topic.record.last_arrival_ns = clock_ns
+                topic.waiting.append((Stamped(stamp_ns, "", (*position, *orientation)), clock_ns))
 
     def refuse_waiting(self) -> None:
         """Refuse the messages whose stamps still wait for confirmation, as no more will arrive."""

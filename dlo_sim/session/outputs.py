@@ -36,6 +36,7 @@ from dlo_sim.session.topics import (
     CONTROL_POINTS,
     CONTROL_POLYGON,
     DEFAULT_NAMING,
+    MARKERS,
     POINTS,
     REACTION,
     TF,
@@ -71,7 +72,6 @@ class Outputs:
     """Encodes the state of one simulator.
 
     Attributes:
-        topics: of the messages, in the order of publication.
         not_finite: messages withheld because a number in them was not finite.
     """
 
@@ -109,21 +109,30 @@ class Outputs:
             REACTION.format(name): partial(self._encode_reaction, name) for name in scene.holders
         }
         self._topics = tuple(
-            (topic, message_type, encoders[topic])
+            (topic, message_type, encoders[topic], topic in MARKERS)
             for topic, message_type in output_topics(scene).items()
             if topic in encoders  # the others need more than the present state
         )
-        self.topics = [topic for topic, _, _ in self._topics]
 
     def messages(
-        self, simulator: Simulator, stamp_ns: int, wanted: Collection[str]
+        self,
+        simulator: Simulator,
+        stamp_ns: int,
+        wanted: Collection[str] | None = None,
+        again: Collection[str] = (),
+        states: bool = True,
+        markers: bool = True,
     ) -> list[OutgoingMessage]:
-        """The messages of this state with a stamp (clock time [ns]); only the wanted topics are
-        computed.
+        """The messages of this state with a stamp (clock time [ns]).
+
+        Args:
+            wanted: topics to compute, None = all: those of the state if `states`, those of markers
+                if `markers`. again: topics to compute in any case.
         """
         messages: list[OutgoingMessage] = []
-        for topic, message_type, encode in self._topics:
-            if topic not in wanted:
+        for topic, message_type, encode, is_marker in self._topics:
+            due = (markers if is_marker else states) and (wanted is None or topic in wanted)
+            if not due and topic not in again:
                 continue
             data = encode(simulator, stamp_ns)
             if data is None:

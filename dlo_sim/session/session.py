@@ -35,7 +35,7 @@ from dlo_sim.session.intake import Accepted, Intake, Transforms
 from dlo_sim.session.outputs import OutgoingMessage, Outputs
 from dlo_sim.session.pacing import Latency, Pacing, Shed
 from dlo_sim.session.time_base import MOST_AHEAD, TimeBase
-from dlo_sim.session.topics import DEFAULT_NAMING, MARKERS, Naming, tf_inputs
+from dlo_sim.session.topics import DEFAULT_NAMING, Naming, tf_inputs
 from dlo_sim.simulation.resolution import knot_grading
 
 if TYPE_CHECKING:
@@ -187,8 +187,7 @@ class Session:
         self._watch_clock(now_ns, tick=True)
         before = self._time.offset_ns
         lag_ns = self._latency.ns
-        accepted = self._intake.sample(now_ns, lag_ns) + self._intake.due(now_ns, lag_ns)
-        self._use(accepted, before, now_ns)
+        self._use(self._intake.due(now_ns, lag_ns), before, now_ns)
         self._latency.update()
         count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
         due = count != self._marker_count and Shed.MARKERS not in self._pacing.shed
@@ -233,11 +232,9 @@ class Session:
         state = self._drive.simulator, self._drive.now_ns
         fresh, self._given_out = state != self._given_out, state
         markers, self._markers_due = self._markers_due, False
-        due = set(again)
-        for topic in self._outputs.topics if wanted is None else wanted:
-            if markers if topic in MARKERS else fresh:
-                due.add(topic)
-        messages = self._outputs.messages(self._drive.simulator, self.stamp_ns, due)
+        messages = self._outputs.messages(
+            self._drive.simulator, self.stamp_ns, wanted, again, fresh, markers
+        )
         if self._outputs.not_finite:
             self._outputs.not_finite = 0
             self.journal.event("not_published", "an output was not finite and was not published")
@@ -350,7 +347,7 @@ class Session:
                 line = "stamps or clock jumped; simulation reset"
                 self._restart("time_jump" if self.started else "", line)
             for entry in accepted.entries:
-                self._drive.queue(entry).add(accepted.message)
+                self._drive.add(entry, accepted.message)
                 stamp_ns, now_ns = accepted.message.stamp_ns, self._time.from_clock(clock_ns)
                 if entry.is_pose:
                     self._drive.paths[entry.target].timing.accept(stamp_ns, now_ns)
@@ -534,7 +531,7 @@ def _contact_values(simulator: Simulator, contacts: Collection[Contact]) -> list
 def _look_at(simulator: Simulator, scene: Scene) -> None:
     """Make every output once, as the first one of each kind loads or compiles machine code."""
     outputs = Outputs(scene, len(simulator.greville))
-    outputs.messages(simulator, 0, outputs.topics)
+    outputs.messages(simulator, 0)
     simulator.energy()
 
 
