@@ -86,8 +86,7 @@ class Session:
         sources = (*self.inputs, *tf_inputs(scene))
         self.journal = Journal([entry.topic for entry in sources])
         self._drive = Drive(scene, simulator_factory, self.journal, live, resume)
-        timings = {name: path.timing for name, path in self._drive.paths.items()}
-        self._latency = Latency(scene, timings, self.journal)
+        self._latency = Latency(scene, self.journal)
         queues = {entry: self._drive.queue(entry) for entry in sources}
         self._intake = Intake(scene, queues, self._time, self.journal, transforms)
         self._live, self._accuracy = live, Accuracy(scene, self.journal)
@@ -350,7 +349,7 @@ class Session:
                 self._drive.add(entry, accepted.message)
                 stamp_ns, now_ns = accepted.message.stamp_ns, self._time.from_clock(clock_ns)
                 if entry.is_pose:
-                    self._drive.paths[entry.target].timing.accept(stamp_ns, now_ns)
+                    self._latency.accept(entry.target, stamp_ns, now_ns)
                 if self.journal.topics[entry.topic].note_delay(now_ns - stamp_ns):
                     ahead = (stamp_ns - now_ns) * 1e-9
                     self.journal.event(
@@ -418,6 +417,7 @@ class Session:
         self.restarts += 1
         self._accuracy.look(self._drive.estimate)
         self._drive.clear()
+        self._latency.clear()
         self._accuracy.look(None)
         if self._transforms is not None:
             self._transforms.clear()

@@ -7,7 +7,7 @@ import pytest
 from session_bench import GRIPPER, Bench, motion
 
 from dlo_sim.session import cdr
-from dlo_sim.session.gripper_path import PoseTiming
+from dlo_sim.session.pacing import PoseTiming
 
 MS = 1_000_000
 SECOND = 1_000_000_000
