@@ -31,11 +31,11 @@ from dlo_sim.session.diagnostics import (
 )
 from dlo_sim.session.drive import Drive, Prepared
 from dlo_sim.session.gripper_path import Pose
-from dlo_sim.session.intake import Accepted, Intake, Transforms
+from dlo_sim.session.intake import Intake, Message, Transforms
 from dlo_sim.session.outputs import OutgoingMessage, Outputs
 from dlo_sim.session.pacing import Latency, Pacing, Shed
 from dlo_sim.session.time_base import MOST_AHEAD, TimeBase
-from dlo_sim.session.topics import DEFAULT_NAMING, Naming, tf_inputs
+from dlo_sim.session.topics import DEFAULT_NAMING, InputTopic, Naming, tf_inputs
 from dlo_sim.simulation.resolution import knot_grading
 
 if TYPE_CHECKING:
@@ -88,7 +88,8 @@ class Session:
         self._drive = Drive(scene, simulator_factory, self.journal, live, resume)
         self._latency = Latency(scene, self.journal)
         queues = {entry: self._drive.queue(entry) for entry in sources}
-        self._intake = Intake(scene, queues, self._time, self.journal, transforms)
+        self._intake = Intake(scene, queues, self._time, self.journal, self._take, transforms)
+        self._clock_ns = self._offset_ns = 0  # of the last message or tick
         self._live, self._accuracy = live, Accuracy(scene, self.journal)
         self._outputs = self._new_outputs()
         _look_at(self._drive.simulator, scene)
@@ -169,9 +170,8 @@ class Session:
             raw: CDR bytes. arrival_ns: clock time of its arrival [ns].
         """
         self._watch_clock(arrival_ns, tick=False)
-        before = self._time.offset_ns
-        accepted = self._intake.accept(topic, raw, arrival_ns, self._latency.ns)
-        self._use(accepted, before, arrival_ns)
+        self._intake.accept(topic, raw, arrival_ns, self._latency.ns)
+        self._follow_offset()
 
     def until_tick(self, now_ns: int) -> int:
         """Time [ns] from this clock time to the next regular tick, just after a state has become
@@ -184,9 +184,8 @@ class Session:
         far as inputs and limits allow.
         """
         self._watch_clock(now_ns, tick=True)
-        before = self._time.offset_ns
-        lag_ns = self._latency.ns
-        self._use(self._intake.due(now_ns, lag_ns), before, now_ns)
+        self._intake.look(now_ns, self._latency.ns)
+        self._follow_offset()
         self._latency.update()
         count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
         due = count != self._marker_count and Shed.MARKERS not in self._pacing.shed
@@ -317,6 +316,7 @@ class Session:
         self._outputs = self._new_outputs()
         if time_mode_changed:
             self._time.set_mode(scene.inputs.time)
+            self._offset_ns = 0
             self.reset("inputs.time was changed; simulation reset")
 
     def _due_ns(self, now_ns: int) -> int:
@@ -324,40 +324,39 @@ class Session:
         return self._time.from_clock(now_ns) - self._latency.ns
 
     def _watch_clock(self, clock_ns: int, tick: bool) -> None:
-        back_ns = self._time.watch(clock_ns, tick)
+        self._clock_ns, back_ns = clock_ns, self._time.watch(clock_ns, tick)
         if back_ns:
             back = back_ns * 1e-9
             self._intake.clear()
             self._restart("time_jump", f"the clock went back by {back:.3f} s; simulation reset")
 
-    def _use(self, found: list[Accepted], offset_before: int, clock_ns: int) -> None:
-        """Pass usable messages of this clock time [ns] to the drive; they may have changed the
-        offset.
-        """
-        offset = self._time.offset_ns
-        if not found and offset == offset_before:
+    def _take(self, entries: tuple[InputTopic, ...], message: Message, restart: bool) -> None:
+        """Pass a message on to the inputs that use it; all before it is forgotten if `restart`."""
+        if restart:
+            line = "stamps or clock jumped; simulation reset"
+            self._restart("time_jump" if self.started else "", line)
+        stamp_ns, now_ns = message.stamp_ns, self._time.from_clock(self._clock_ns)
+        for entry in entries:
+            self._drive.add(entry, message)
+            if entry.is_pose:
+                self._latency.accept(entry.target, stamp_ns, now_ns)
+        if self.journal.topics[entry.topic].note_delay(now_ns - stamp_ns):
+            ahead = (stamp_ns - now_ns) * 1e-9
+            self.journal.event(
+                "clock_ahead",
+                f"{entry.topic}: stamps are {ahead:.3f} s ahead of the clock, and act late by as "
+                "much; synchronise the clocks or set inputs.time: arrival",
+            )
+
+    def _follow_offset(self) -> None:
+        """Note a new offset of the time base."""
+        offset, before = self._time.offset_ns, self._offset_ns
+        if offset == before:
             return
-        if offset != offset_before:
-            self._pacing.listen_anew()
-            if not any(accepted.restart for accepted in found):
-                self._drive.follow_offset(offset_before - offset)
-        for accepted in found:
-            if accepted.restart:
-                line = "stamps or clock jumped; simulation reset"
-                self._restart("time_jump" if self.started else "", line)
-            for entry in accepted.entries:
-                self._drive.add(entry, accepted.message)
-                stamp_ns, now_ns = accepted.message.stamp_ns, self._time.from_clock(clock_ns)
-                if entry.is_pose:
-                    self._latency.accept(entry.target, stamp_ns, now_ns)
-                if self.journal.topics[entry.topic].note_delay(now_ns - stamp_ns):
-                    ahead = (stamp_ns - now_ns) * 1e-9
-                    self.journal.event(
-                        "clock_ahead",
-                        f"{entry.topic}: stamps are {ahead:.3f} s ahead of the clock, and act "
-                        "late by as much; synchronise the clocks or set inputs.time: arrival",
-                    )
-        if offset and abs(offset - offset_before) > MOST_AHEAD:
+        self._offset_ns = offset
+        self._pacing.listen_anew()
+        self._drive.follow_offset(before - offset)
+        if offset and abs(offset - before) > MOST_AHEAD:
             side = "behind" if offset > 0 else "ahead of"
             away = f"{abs(offset) * 1e-9:.6g} s {side} the clock"
             self.journal.event("other_epoch", f"stamps are {away}; using their own time base")

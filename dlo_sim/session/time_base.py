@@ -183,7 +183,7 @@ class TimeBase:
 
     def start_over(self) -> None:
         """Forget all used messages; in mode auto the next stamped one decides the offset."""
-        self._decided = self.mode != "auto"
+        self._decided, self._epoch_is_new = self.mode != "auto", False
         for source in self._sources:
             source.clear()
             source.undated.clear()
@@ -220,17 +220,8 @@ class TimeBase:
         time [ns].
         """
         dated = message.stamp_ns == 0 or self.mode == "arrival"
-        restart = False
         if not (dated or self._decided):
-            restart = self._decide_first(arrival_ns - message.stamp_ns)
-        for decision in self._sort(source, message, arrival_ns, dated):
-            if decision.refusal is None and restart:
-                decision, restart = decision._replace(restart=True), False
-            yield decision
-
-    def _sort(
-        self, source: Source, message: Stamped, arrival_ns: int, dated: bool
-    ) -> Iterator[Decision]:
+            self._decide_first(arrival_ns - message.stamp_ns)
         yield from self.due(source, arrival_ns)
         if dated:
             if not self._decided:
@@ -246,16 +237,20 @@ class TimeBase:
             yield from self._wait(source, _Pending(message, arrival_ns, self._spent_ns))
         else:
             yield from self.refute(source, message.stamp_ns)
-            yield Decision(message, restart)
+            yield self._used(message, restart)
+
+    def _used(self, message: Stamped, restart: bool = False) -> Decision:
+        """The decision to use a message; the first one in an epoch may start all over."""
+        restart, self._epoch_is_new = restart or self._epoch_is_new, False
+        return Decision(message, restart)
 
     def _dated(self, source: Source, message: Stamped, arrival_ns: int) -> Decision:
         """Date a message by its arrival."""
         message = message._replace(stamp_ns=self.from_clock(arrival_ns))
-        refusal: Refused | Copy | None = None
         if source.last_ns is not None and message.stamp_ns <= source.last_ns:
             same = message == source.seen.get(message.stamp_ns)
-            refusal = Copy() if same else _at_one_instant()
-        return Decision(message, refusal=refusal)
+            return Decision(message, refusal=Copy() if same else _at_one_instant())
+        return self._used(message)
 
     def _wait(self, source: Source, new: _Pending) -> Iterator[Decision]:
         """Put a message among those that wait; refuse those that it refutes."""
@@ -332,18 +327,16 @@ class TimeBase:
             self.offset_ns = _offset(difference_ns)
         return False
 
-    def _decide_first(self, difference_ns: int) -> bool:
-        """Let the first stamped message decide the offset; return whether all dated before starts
-        over.
-        """
+    def _decide_first(self, difference_ns: int) -> None:
+        """Let the first stamped message decide the offset; what was dated by another starts over."""
         before_ns, self.offset_ns, self._decided = self.offset_ns, _offset(difference_ns), True
-        known = any(source.last_ns is not None for source in self._sources)
+        if self.offset_ns != before_ns:
+            self._epoch_is_new = any(source.last_ns is not None for source in self._sources)
         for source in self._sources:
             if self.offset_ns == before_ns:
                 source.undated.clear()
             else:
                 source.clear()
-        return known and self.offset_ns != before_ns
 
     def _heard(self, offset_ns: int, lately_ns: int) -> list[Source]:
         """The topics that were heard within a time [ns] with stamps that fit an offset."""
