@@ -41,17 +41,6 @@ _ZERO = (0.0, 0.0, 0.0)
 _NEVER = sys.maxsize
 
 
-class Advance(NamedTuple):
-    """Result of an advance: steps taken, ends that wait for a pose, and why the simulator failed or
-    was slow ("" = it did not, was not).
-    """
-
-    steps: int
-    waiting: tuple[str, ...] = ()
-    failure: str = ""
-    slow: str = ""
-
-
 class Prepared(NamedTuple):
     """A simulator of another scene to continue with, and the estimate of its error if there is one.
 
@@ -80,6 +69,7 @@ class Drive:
         estimate: of the error of the simulator; None if errors are not estimated.
         unresolved: one line if a shape or the energy of the last advance was no cable's
             (`simulation.soundness`), else "".
+        waiting: ends that wait for a pose, since the last advance; slow: a note of it, or "".
         surroundings: obstacles from markers; None if the scene takes none.
         observer: corrects the simulator by measurements; None if the scene has no measured points.
         grid: times of the steps; None before `begin`.
@@ -118,8 +108,8 @@ class Drive:
         self.grid: StepGrid | None = None
         self._segments: dict[str, Segment] = {}
         self._next_change = 0  # step up to which neither motions nor inputs change
-        self._silence_ns, self._slow = 0, ""
-        self._waiting: tuple[str, ...] = ()
+        self._silence_ns, self.slow = 0, ""
+        self.waiting: tuple[str, ...] = ()
 
     def queue(self, entry: InputTopic) -> Waiting[Any]:
         """The queue into which the accepted messages of an input are put."""
@@ -198,7 +188,7 @@ class Drive:
         for one in self._queues:
             one.clear()
         self.grid = None
-        self.unresolved = ""
+        self.unresolved, self.waiting = "", ()
         self._estimate_by(None)
         self._too_slow = False
 
@@ -207,31 +197,34 @@ class Drive:
         self.queue(entry).add(message)
         self._next_change = 0
 
-    def advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> Advance:
+    def advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> str:
         """Take at most `most_steps` whole steps up to `wanted_ns`; stop where a pose is missing.
 
         Args:
             silence_ns: time base [ns] up to which a silence is measured.
+
+        Returns:
+            Why the simulator failed, or "".
         """
         grid = self.grid
         assert grid is not None, "advance() needs begin()"
-        begin = self.simulator.steps
-        target = min(grid.last_at_or_before(wanted_ns), begin + most_steps)
-        self._silence_ns, self._slow, self._waiting = silence_ns, "", ()
-        failure = ""
-        if begin < target:
+        steps = self.simulator.steps
+        target = min(grid.last_at_or_before(wanted_ns), steps + most_steps)
+        self._silence_ns, self.slow, self.waiting = silence_ns, "", ()
+        if steps < target:
             from dlo_sim.simulation.play import play  # imports the compiler
 
             self.unresolved = ""
             watchers = (self,) if self.estimate is None else (self, self.estimate)
             report = play(self.simulator, target, timeline=self, watchers=watchers)
-            failure = "" if report.status.advanced else report.message
+            if not report.status.advanced or self.waiting:
+                return "" if report.status.advanced else report.message
         # A state between two motions belongs to the later one (velocities agree, accelerations do
         # not), so outputs of this state need that motion if it is known.
-        if not (failure or self._waiting) and self.simulator.steps >= self._next_change:
+        if self.simulator.steps >= self._next_change:
             self._renew_motions(grid)
-            self._waiting = ()
-        return Advance(self.simulator.steps - begin, self._waiting, failure, self._slow)
+            self.waiting = ()
+        return ""
 
     # A timeline of `play`: the drive makes all changes of the simulator.
 
@@ -244,7 +237,7 @@ class Drive:
             grid = self.grid
             assert grid is not None
             self._renew_motions(grid)
-            if self._waiting:
+            if self.waiting:
                 return steps
             self._apply_inputs(grid)
             lasts = [one.last for one in self._segments.values() if one.last is not None]
@@ -263,7 +256,7 @@ class Drive:
 
     def look(self, report: Report) -> str:
         """Keep what is wrong or slow."""
-        self._slow = report.note or self._slow
+        self.slow = report.note or self.slow
         if report.status.advanced:
             self.unresolved = self.unresolved or report.message
             self._note_slipped_out()
@@ -271,7 +264,7 @@ class Drive:
 
     def _renew_motions(self, grid: StepGrid) -> None:
         """Set the next motion of every end whose motion is over; those without one wait."""
-        self._waiting = ()
+        self.waiting = ()
         for name, path in self.paths.items():
             present = self._segments.get(name)
             if present is not None:
@@ -281,7 +274,7 @@ class Drive:
             at = self.simulator.steps, self.simulator.time
             segment = path.next_segment(grid, *at, self._silence_ns)
             if segment is None:
-                self._waiting += (name,)
+                self.waiting += (name,)
             else:
                 self._segments[name] = segment
                 self.simulator.set_motion(name, segment.motion)
@@ -308,13 +301,14 @@ class Drive:
             if now_ns - newest.stamp_ns > step_ns:
                 self._note("late", f"load {name} came after the simulation had passed its stamp")
         if newest is not None:
+            schedule.held = newest
             self._set_load(name, newest)
         removal_ns = schedule.removal_ns()
         if removal_ns is not None and now_ns >= removal_ns:
             schedule.held = None
             self.simulator.set_load(name, force=_ZERO, torque=_ZERO)
-            line = f"load {name}: no message for {schedule.timeout:g} s; removed"
-            self._note("load_removed", line)
+            timeout = schedule.timeout_ns * 1e-9
+            self._note("load_removed", f"load {name}: no message for {timeout:g} s; removed")
 
     def _set_load(self, name: str, load: LoadMessage) -> None:
         """Let a load act, turned to the world frame from that of its end effector."""

@@ -98,7 +98,6 @@ class Session:
         self._paused = False
         self._resuming = False
         self._failure = ""
-        self._waiting: tuple[str, ...] = ()
         self._marker_count: int | None = None
         self._given_out: tuple[Simulator, int] | None = None
         self._markers_due = False
@@ -198,7 +197,7 @@ class Session:
             self._drive.skip_to(wanted_ns)
         silence_ns = self._pacing.listen(wanted_ns)
         steps = self._advance(wanted_ns, self._pacing.most_steps, silence_ns)
-        shed, held_up = self._pacing.shed, bool(self._waiting or self._failure)
+        shed, held_up = self._pacing.shed, bool(self._drive.waiting or self._failure)
         skip = self._pacing.reached(wanted_ns, self._drive.now_ns, held_up)
         if self._pacing.shed != shed:
             self._follow_load(shed)
@@ -227,12 +226,11 @@ class Session:
         """
         if not self.started:
             return []
-        state = self._drive.simulator, self._drive.now_ns
+        simulator, now_ns = state = self._drive.simulator, self._drive.now_ns
         fresh, self._given_out = state != self._given_out, state
         markers, self._markers_due = self._markers_due, False
-        messages = self._outputs.messages(
-            self._drive.simulator, self.stamp_ns, wanted, again, fresh, markers
-        )
+        stamp_ns = self._time.to_clock(now_ns)
+        messages = self._outputs.messages(simulator, stamp_ns, wanted, again, fresh, markers)
         if self._outputs.not_finite:
             self._outputs.not_finite = 0
             self.journal.event("not_published", "an output was not finite and was not published")
@@ -378,19 +376,19 @@ class Session:
         return True
 
     def _advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> int:
-        before = self._drive.unresolved
-        done = self._drive.advance(wanted_ns, most_steps, silence_ns)
-        steps, self._waiting, failure, slow = done
-        if self._drive.unresolved and not before:
-            self.journal.event("unresolved", self._drive.unresolved)
-        if slow:
-            self.journal.event("slow_newton", slow)
+        drive, simulator = self._drive, self._drive.simulator
+        unresolved, before = drive.unresolved, simulator.steps
+        failure = drive.advance(wanted_ns, most_steps, silence_ns)
+        if drive.unresolved and not unresolved:
+            self.journal.event("unresolved", drive.unresolved)
+        if drive.slow:
+            self.journal.event("slow_newton", drive.slow)
         if self._live:  # else where it is told: refined runs would be waited for
-            self._accuracy.look(self._drive.estimate)
+            self._accuracy.look(drive.estimate)
         if failure:
-            at = self._drive.now_ns * 1e-9
-            self._fail(f"{failure} (at {self._drive.simulator.time:.6f} s, stamp {at:.6f} s)")
-        return steps
+            at = drive.now_ns * 1e-9
+            self._fail(f"{failure} (at {simulator.time:.6f} s, stamp {at:.6f} s)")
+        return simulator.steps - before
 
     def _follow_load(self, before: tuple[Shed, ...]) -> None:
         """Drop or resume what the pacing has dropped or resumed; `before` was dropped before."""
@@ -421,7 +419,6 @@ class Session:
         if self._transforms is not None:
             self._transforms.clear()
         self._failure = ""
-        self._waiting = ()
         self._pacing.clear()
         self._resuming = False
         if event:
@@ -430,9 +427,9 @@ class Session:
     def _message(self) -> str:
         if self._failure:
             return self._failure
-        missing = self._drive.without_pose if not self.started else self._waiting
-        if missing:
-            order = "first" if not self.started else "next"
+        started = self.started
+        if missing := self._drive.waiting if started else self._drive.without_pose:
+            order = "next" if started else "first"
             moved = [self.scene.moved[name] for name in missing]
             sources = [one.tf_frame or self._naming.topic(one.pose_topic) for one in moved]
             return f"waiting for the {order} pose on {', '.join(dict.fromkeys(sources))}"

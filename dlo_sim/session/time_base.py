@@ -328,7 +328,7 @@ class TimeBase:
         return False
 
     def _decide_first(self, difference_ns: int) -> None:
-        """Let the first stamped message decide the offset; what was dated by another starts over."""
+        """Let the first stamped message decide the offset; what another one dated starts over."""
         before_ns, self.offset_ns, self._decided = self.offset_ns, _offset(difference_ns), True
         if self.offset_ns != before_ns:
             self._epoch_is_new = any(source.last_ns is not None for source in self._sources)
