@@ -91,9 +91,9 @@ class Session:
         self._intake = Intake(scene, queues, self._time, self.journal, self._take, transforms)
         self._clock_ns = self._offset_ns = 0  # of the last message or tick
         self._live, self._accuracy = live, Accuracy(scene, self.journal)
-        self._outputs = self._new_outputs()
         _look_at(self._drive.simulator, scene)
         self._pacing = Pacing(scene, self._drive.simulator.step, live)
+        self._follow_simulator()
         self.restarts = 0
         self._paused = False
         self._resuming = False
@@ -186,23 +186,24 @@ class Session:
         self._intake.look(now_ns, self._latency.ns)
         self._follow_offset()
         self._latency.update()
-        count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
-        due = count != self._marker_count and Shed.MARKERS not in self._pacing.shed
-        self._markers_due, self._marker_count = due, count
-        wanted_ns = self._pacing.grid.aim(self._due_ns(now_ns))
+        pacing, drive = self._pacing, self._drive
+        count = int(now_ns * self._marker_rate)
+        self._markers_due = count != self._marker_count and Shed.MARKERS not in pacing.shed
+        self._marker_count = count
+        wanted_ns = pacing.grid.aim(self._due_ns(now_ns))
         if self._paused or self._failure or not (self.started or self._begin(wanted_ns)):
             return self._report(0)
         if self._resuming:
             self._resuming = False
-            self._drive.skip_to(wanted_ns)
-        silence_ns = self._pacing.listen(wanted_ns)
-        steps = self._advance(wanted_ns, self._pacing.most_steps, silence_ns)
-        shed, held_up = self._pacing.shed, bool(self._drive.waiting or self._failure)
-        skip = self._pacing.reached(wanted_ns, self._drive.now_ns, held_up)
-        if self._pacing.shed != shed:
+            drive.skip_to(wanted_ns)
+        shed = pacing.shed
+        steps = self._advance(wanted_ns, pacing.most_steps, pacing.listen(wanted_ns))
+        held_up = bool(drive.waiting or self._failure)
+        skip = pacing.reached(wanted_ns, drive.now_ns, held_up)
+        if pacing.shed != shed:
             self._follow_load(shed)
         if skip:
-            skipped = self._drive.skip_to(wanted_ns)
+            skipped = drive.skip_to(wanted_ns)
             self.journal.skipped_ns += skipped
             lost = f"{skipped * 1e-9:.3f} s could not be computed in time and were skipped"
             self.journal.event("time_skipped", lost)
@@ -310,8 +311,7 @@ class Session:
         self._intake.configure(scene)
         self._accuracy = Accuracy(scene, self.journal)
         self._latency.configure(scene)
-        self._pacing.configure(self.scene, self._drive.simulator.step)
-        self._outputs = self._new_outputs()
+        self._follow_simulator()
         if time_mode_changed:
             self._time.set_mode(scene.inputs.time)
             self._offset_ns = 0
@@ -371,8 +371,7 @@ class Session:
             return False
         if resumed:
             self.journal.event("resumed", "went on from the state in state.save_to")
-        self._outputs = self._new_outputs()
-        self._pacing.configure(self.scene, self._drive.simulator.step)
+        self._follow_simulator()
         return True
 
     def _advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> int:
@@ -383,7 +382,9 @@ class Session:
             self.journal.event("unresolved", drive.unresolved)
         if drive.slow:
             self.journal.event("slow_newton", drive.slow)
-        if self._live:  # else where it is told: refined runs would be waited for
+        # In a replay only where it is told, as refined runs would be waited for.
+        if self._live and drive.estimate is not None and simulator.steps >= self._next_look:
+            self._next_look = drive.estimate.next_look(simulator.steps)
             self._accuracy.look(drive.estimate)
         if failure:
             at = drive.now_ns * 1e-9
@@ -495,8 +496,13 @@ class Session:
         text = self._message() or text or self.status.value
         return cdr.DiagnosticStatus(level, "session", text, tuple(values))
 
-    def _new_outputs(self) -> Outputs:
-        return Outputs(self.scene, len(self._drive.simulator.greville), self._naming.node)
+    def _follow_simulator(self) -> None:
+        """Go on with a simulator that is new or has another scene."""
+        scene, simulator = self.scene, self._drive.simulator
+        self._outputs = Outputs(scene, len(simulator.greville), self._naming.node)
+        self._pacing.configure(scene, simulator.step)
+        self._marker_rate = 1e-9 * scene.outputs.marker_rate
+        self._next_look: int = 0  # step at which the estimate may have changed
 
 
 def _tension_values(simulator: Simulator) -> Iterator[tuple[str, str]]:
