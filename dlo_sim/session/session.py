@@ -97,6 +97,7 @@ class Session:
         self.restarts = 0
         self._paused = False
         self._resuming = False
+        self._next_look = 0
         self._failure = ""
         self._marker_count: int | None = None
         self._given_out: tuple[Simulator, int] | None = None
@@ -502,7 +503,7 @@ class Session:
         self._outputs = Outputs(scene, len(simulator.greville), self._naming.node)
         self._pacing.configure(scene, simulator.step)
         self._marker_rate = 1e-9 * scene.outputs.marker_rate
-        self._next_look: int = 0  # step at which the estimate may have changed
+        self._next_look = 0  # step at which the estimate may have changed
 
 
 def _tension_values(simulator: Simulator) -> Iterator[tuple[str, str]]:
