@@ -192,9 +192,8 @@ class Drive:
         self._estimate_by(None)
         self._too_slow = False
 
-    def add(self, entry: InputTopic, message: Any) -> None:
-        """Put an accepted message of an input into its queue."""
-        self.queue(entry).add(message)
+    def hear(self) -> None:
+        """Look at the queues in the next step: there is a new message."""
         self._next_change = 0
 
     def advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> str:
@@ -439,7 +438,7 @@ class Drive:
             raise
         except (TypeError, ValueError, ArithmeticError) as error:
             raise SceneError(
-                f"state.save_to: nothing goes on from the saved state ({one_line(str(error))}); "
+                f"state.save_to: nothing goes on from the saved state ({one_line(error)}); "
                 "remove the file"
             ) from None
 

@@ -208,8 +208,8 @@ def _too_distant(values: Sequence[float]) -> Refused:
 
 Message = Pose | LoadMessage | TakeMessage | Points | Markers
 Take = Callable[[tuple[InputTopic, ...], Message, bool], None]
-"""What uses a message: for these inputs (one topic may drive several); whether everything before it
-is forgotten.
+"""What is told of a message before it is put into the queues of these inputs (one topic may drive
+several), and whether everything before it is forgotten.
 """
 
 
@@ -280,8 +280,8 @@ class Intake:
 
     Args:
         scene: gives limits, frames and timeouts.
-        queues: input topics by resolved names, and tf2 frames -> queue that knows up to which stamp
-            the simulation has used it.
+        queues: input topics by resolved names, and tf2 frames -> queue of their messages, which
+            knows up to which stamp the simulation has used it.
         time_base: decides from the stamps which messages are used and at which time.
         journal: counts the messages. take: is called with each message that is used.
         transforms: looks up frames that the scene does not name; None: they are refused.
@@ -506,6 +506,8 @@ class Intake:
         topic.source.use(decision.message)
         topic.record.accepted += 1
         self._take(topic.entries, message, decision.restart)
+        for queue in topic.queues:
+            queue.add(message)
 
     def _suspect_unit(self, topic: _Topic, pose: Pose) -> None:
         """Note a first pose that seems to be in millimetres."""

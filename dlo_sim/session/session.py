@@ -330,13 +330,13 @@ class Session:
             self._restart("time_jump", f"the clock went back by {back:.3f} s; simulation reset")
 
     def _take(self, entries: tuple[InputTopic, ...], message: Message, restart: bool) -> None:
-        """Pass a message on to the inputs that use it; all before it is forgotten if `restart`."""
+        """Note a message that some inputs use; all before it is forgotten if `restart`."""
         if restart:
             line = "stamps or clock jumped; simulation reset"
             self._restart("time_jump" if self.started else "", line)
         stamp_ns, now_ns = message.stamp_ns, self._time.from_clock(self._clock_ns)
+        self._drive.hear()
         for entry in entries:
-            self._drive.add(entry, message)
             if entry.is_pose:
                 self._latency.accept(entry.target, stamp_ns, now_ns)
         if self.journal.topics[entry.topic].note_delay(now_ns - stamp_ns):

@@ -66,7 +66,8 @@ class _Pending(NamedTuple):
     since_ns: int
 
 
-class _Run(NamedTuple):
+@dataclass
+class _Run:
     """Consecutive messages of a topic at one distance from the clock: clock minus stamp [ns] of the
     first, watched time [ns] of the first and of the last, and their number.
     """
@@ -131,7 +132,7 @@ class Source:
         if run is None or abs(difference_ns - run.difference_ns) > _STEADY:
             self.run = _Run(difference_ns, now_ns, now_ns)
         else:
-            self.run = run._replace(last_ns=now_ns, number=run.number + 1)
+            run.last_ns, run.number = now_ns, run.number + 1
 
 
 class TimeBase:
