@@ -14,7 +14,7 @@ Readers accept both byte orders and raise `DecodeError` on anything that is not 
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -23,8 +23,6 @@ from numpy.typing import ArrayLike, NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
-
-from dlo_sim.core import rotations
 
 Array = NDArray[np.float64]
 Bytes = bytes | bytearray | memoryview
@@ -450,49 +448,43 @@ def encode_point_cloud(stamp_ns: int, frame_id: str, fields: Sequence[str], rows
 # -- templates ----------------------------------------------------------------------------------
 
 # These stand for what changes in the message that a template is made of.
-_STAMP_NS = 0x5AC3_96E1 * _NANO + 0x2B4D_7E81
 _NUMBER, _SHADE = -1.2345678912345678e-251, float(np.float32(-7.654321e-31))
 
 LINE_STRIP, LINE_LIST = 4, 5
 CUBE, SPHERE, CYLINDER, MESH_RESOURCE, TRIANGLE_LIST = 1, 2, 3, 10, 11
 ADD, DELETE, DELETE_ALL = 0, 2, 3  # actions of a Marker
-_NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # viewers complain about a zero quaternion
+NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # viewers complain about a zero quaternion
 
 
 class _Template:
-    """A message in which only stamps, doubles and shades of colour change; all else is serialised
-    once.
+    """A message in which only the stamp, doubles behind each other and shades of colour change; all
+    else is serialised once.
 
-    It is made of a message with `_STAMP_NS`, `_NUMBER` and `_SHADE` in the places that change.
+    It is made of a message that begins with a header, with `_NUMBER` and `_SHADE` in the places
+    that change.
     """
 
     def __init__(self, kind: str, message: Any) -> None:
         self._data = bytearray(write(kind, message))
-        body = memoryview(self._data)[4:]  # to which CDR aligns all fields
-        self._words = np.frombuffer(body, "<u4", len(body) // 4)
-        self._stamps = np.flatnonzero(self._words == _STAMP_NS // _NANO).tolist()
-        self._numbers = self._where("<f8", body, _NUMBER)
-        self._shades = self._where("<f4", body, _SHADE)
+        self._numbers = self._of("<f8", _NUMBER)
+        self._shades = self._of("<f4", _SHADE)
 
-    @staticmethod
-    def _where(code: str, body: memoryview, value: float) -> tuple[NDArray[Any], Any]:
+    def _of(self, code: str, value: float) -> NDArray[Any]:
+        """The part of the message that consists of this value."""
+        body = memoryview(self._data)[4:]  # to which CDR aligns all fields
         values = np.frombuffer(body, code, len(body) // int(code[2]))
         places = np.flatnonzero(values == value)
-        if len(places) and places[-1] - places[0] == len(places) - 1:
-            return values, slice(places[0], places[-1] + 1)  # a third of the time of places
-        return values, places
+        return values[places[0] : places[-1] + 1] if len(places) else values[:0]
 
     def encode(self, stamp_ns: int, numbers: ArrayLike, shades: Array | None = None) -> bytes:
-        """The message with these numbers in the order of their places, and colours (count, 4) if
-        every point of a line has its own.
+        """The message with these numbers in their order, and colours (count, 4) if every point of a
+        line has its own.
         """
-        for at in self._stamps:
-            self._words[at], self._words[at + 1] = stamp_ns // _NANO % 2**32, stamp_ns % _NANO
-        values, places = self._numbers
-        values[places] = np.asarray(numbers).ravel()
+        sec, nanosec = divmod(stamp_ns, _NANO)
+        struct.pack_into("<II", self._data, 4, sec % 2**32, nanosec)
+        self._numbers[:] = np.asarray(numbers).ravel()
         if shades is not None:
-            values, places = self._shades
-            values[places] = shades.ravel()
+            self._shades[:] = shades.ravel()
         return bytes(self._data)
 
 
@@ -503,7 +495,7 @@ class StampedEncoder(_Template):
         body = _pose([_NUMBER] * 7) if kind == POSE_STAMPED else _vector([_NUMBER] * 3)
         if kind == WRENCH_STAMPED:
             body = STORE.types["geometry_msgs/msg/Wrench"](body, body)
-        super().__init__(kind, STORE.types[kind](_new_header(frame_id, _STAMP_NS), body))
+        super().__init__(kind, STORE.types[kind](_new_header(frame_id, 0), body))
 
 
 class PoseArrayEncoder(_Template):
@@ -516,7 +508,7 @@ class PoseArrayEncoder(_Template):
     def __init__(self, frame_id: str, count: int) -> None:
         self.rows = np.zeros((count, 7))
         poses = [_pose([_NUMBER] * 7)] * count
-        header = _new_header(frame_id, _STAMP_NS)
+        header = _new_header(frame_id, 0)
         super().__init__(POSE_ARRAY, STORE.types[POSE_ARRAY](header, poses))
 
     def encode(
@@ -548,109 +540,66 @@ class LineEncoder(_Template):
         colored: bool = False,
         kind: int = LINE_STRIP,
     ) -> None:
-        marker = _marker(frame_id, namespace, 0, kind, color, lifetime_ns)
+        marker = _marker(frame_id, 0, namespace, 0, kind, color, lifetime_ns)
         marker.scale = _vector([width, 0.0, 0.0])
         marker.points = [_vector([_NUMBER] * 3, "Point")] * count
         marker.colors = [_shade([_SHADE] * 4)] * (count if colored else 0)
         super().__init__(MARKER, marker)
 
 
-class CapsuleEncoder:
-    """Writes a chain of `count` capsules as a MarkerArray: cylinders, and a sphere at each joint.
-
-    Other arguments as for `LineEncoder`.
-    """
-
-    def __init__(
-        self, frame_id: str, namespace: str, count: int, color: Color, lifetime_ns: int
-    ) -> None:
-        self._count, markers = count, []
-        for number, kind in enumerate([CYLINDER] * count + [SPHERE] * (count + 1)):
-            marker = _marker(frame_id, namespace, number, kind, color, lifetime_ns)
-            marker.pose, marker.scale = _pose([_NUMBER] * 7), _vector([_NUMBER] * 3)
-            markers.append(marker)
-        self._template = _Template(MARKER_ARRAY, STORE.types[MARKER_ARRAY](markers))
-
-    def encode(self, stamp_ns: int, joints: Array, radii: Array) -> bytes:
-        """The chain through joints [m], shape (count + 1, 3), of capsules with radii [m], shape
-        (count,).
-
-        A joint has the larger radius of its capsules.
-        """
-        count, ways = self._count, np.diff(joints, axis=0)
-        lengths = np.linalg.norm(ways, axis=1)
-        # A cylinder can be reversed, so its axis never has to turn by more than 90 degrees.
-        upward = np.where(ways[:, 2:] < 0.0, -ways, ways)
-        upward[lengths == 0.0] = 0.0, 0.0, 1.0
-        thick = np.maximum(np.append(radii, 0.0), np.insert(radii, 0, 0.0))
-        rows = np.tile((*_NO_POSE, 1.0, 1.0, 1.0), (2 * count + 1, 1))
-        rows[:count, :3], rows[count:, :3] = 0.5 * (joints[1:] + joints[:-1]), joints
-        rows[:count, 3:7] = rotations.minimal_rotation(np.array([0.0, 0.0, 1.0]), upward)
-        rows[:, 7:] *= 2.0 * np.concatenate([radii, thick])[:, None]
-        rows[:count, 9] = lengths
-        return self._template.encode(stamp_ns, rows)
-
-
 class Body(NamedTuple):
-    """A marker of one shape: CUBE, SPHERE or CYLINDER, with pose (7) and extents [m] (3); or a
-    TRIANGLE_LIST of points [m], shape (3 k, 3), in the frame of the pose, times the extents, or a
-    MESH_RESOURCE with the URL of a file.
+    """A marker of one shape: CUBE, SPHERE or CYLINDER, with pose (7) and extents [m] (3); a
+    TRIANGLE_LIST of points [m], shape (3 k, 3), in the frame of the pose, times the extents; a
+    LINE_LIST between the points of each pair, whose width is the first extent; or a MESH_RESOURCE
+    with the URL of a file.
     """
 
     kind: int
+    color: Color
     pose: Sequence[float]
     extents: Sequence[float]
     points: Array = np.zeros((0, 3))
     resource: str = ""
 
 
-def encode_contacts(
-    frame_id: str,
-    stamp_ns: int,
-    lifetime_ns: int,
-    bodies: Sequence[Body],
-    lines: Array,
-    width: float,
-    colors: tuple[Color, Color],
+def encode_bodies(
+    frame_id: str, namespace: str, stamp_ns: int, lifetime_ns: int, bodies: Iterable[Body]
 ) -> bytes:
-    """A MarkerArray of bodies, and of one LINE_LIST between the points of each pair in `lines`.
-
-    Args:
-        lines: shape (2 k, 3). width: of the lines [m]. colors: of bodies and of lines. Others as
-            for `LineEncoder`.
-    """
-    markers = [_marker(frame_id, "contacts", 0, LINE_LIST, colors[1], lifetime_ns)]
-    markers[0].scale = _vector([width, 0.0, 0.0])
-    markers[0].points = [_vector(point, "Point") for point in lines.tolist()]
-    for number, body in enumerate(bodies, 1):
-        marker = _marker(frame_id, "contacts", number, body.kind, colors[0], lifetime_ns)
+    """A MarkerArray of bodies, numbered from 0; arguments as for `LineEncoder`."""
+    markers = []
+    for number, body in enumerate(bodies):
+        given = stamp_ns, namespace, number, body.kind, body.color, lifetime_ns
+        marker = _marker(frame_id, *given)
         marker.pose, marker.scale = _pose(body.pose), _vector(body.extents)
         marker.points = [_vector(point, "Point") for point in body.points.tolist()]
         marker.mesh_resource = body.resource
         markers.append(marker)
-    for marker in markers:
-        marker.header = _new_header(frame_id, stamp_ns)
     return write(MARKER_ARRAY, STORE.types[MARKER_ARRAY](markers))
 
 
 def encode_marker_delete_all(kind: str, frame_id: str, stamp_ns: int) -> bytes:
     """A Marker or a MarkerArray with action DELETEALL, which removes all markers of its topic."""
-    marker = _marker(frame_id, "", 0, LINE_STRIP, (0.0, 0.0, 0.0, 0.0), 0)
-    marker.header, marker.action = _new_header(frame_id, stamp_ns), DELETE_ALL
+    marker = _marker(frame_id, stamp_ns, "", 0, LINE_STRIP, (0.0, 0.0, 0.0, 0.0), 0)
+    marker.action = DELETE_ALL
     return write(kind, STORE.types[MARKER_ARRAY]([marker]) if kind == MARKER_ARRAY else marker)
 
 
 def _marker(
-    frame_id: str, namespace: str, number: int, kind: int, color: Color, lifetime_ns: int
+    frame_id: str,
+    stamp_ns: int,
+    namespace: str,
+    number: int,
+    kind: int,
+    color: Color,
+    lifetime_ns: int,
 ) -> Any:
-    """A Marker with the stamp of a template."""
     return new(
         MARKER,
-        header=_new_header(frame_id, _STAMP_NS),
+        header=_new_header(frame_id, stamp_ns),
         ns=namespace,
         id=number,
         type=kind,
-        pose=_pose(_NO_POSE),
+        pose=_pose(NO_POSE),
         color=_shade(color),
         lifetime=_time("Duration", lifetime_ns),
     )
