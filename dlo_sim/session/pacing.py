@@ -22,6 +22,7 @@ from dlo_sim.session.diagnostics import Journal
 from dlo_sim.session.time_base import SECOND
 
 _INTERVALS = 10  # of which the second largest is the need: a single dropout does not count
+_FEW = 4  # intervals from which the need is known, and held; of fewer, the longest foretells it
 _KEPT = 100  # stamps, of which the newest may still come out of order
 _SILENCES = 3  # intervals longer than pose_timeout that are a rate, not silences
 _HELD = 5 * SECOND  # a need that has decreased lowers the lag after one to two times this time
@@ -96,7 +97,7 @@ class PoseTiming:
     def __init__(self, timeout_ns: int = SECOND, window_ns: int = 0) -> None:
         self.timeout_ns, self.window_ns = timeout_ns, window_ns
         self.interval_ns, self.slower_than_timeout = 0, False
-        self._held = self._held_before = self._held_since_ns = 0
+        self._held = self._held_before = self._held_since_ns = self._foreseen = 0
         self.clear()
 
     def clear(self) -> None:
@@ -112,7 +113,7 @@ class PoseTiming:
         insort(self._stamps, stamp_ns)
         del self._stamps[:-_KEPT]
         # Between later ones, others may still come.
-        late_ns = self.delay_ns if len(self._largest) > 1 else max([*self._delays, *self._largest])
+        late_ns = min(self._largest, default=max(self._delays))
         settled = bisect_right(self._stamps, now_ns - late_ns)
         newest = self._stamps[max(settled - _INTERVALS - 1, 0) : settled]
         intervals = sorted(b - a for a, b in pairwise(newest))
@@ -120,9 +121,12 @@ class PoseTiming:
         self.interval_ns, self.slower_than_timeout = _second_largest(intervals), slow >= _SILENCES
         interval_ns = _second_largest(intervals[: len(intervals) - slow])
         smoothing_ns = self.window_ns + interval_ns if self.window_ns and interval_ns else 0
+        need_ns = interval_ns + interval_ns // 2 + smoothing_ns
         if abs(now_ns - self._held_since_ns) > _HELD:
             self._held_before, self._held, self._held_since_ns = self._held, 0, now_ns
-        self._held = max(self._held, interval_ns + interval_ns // 2 + smoothing_ns)
+        self._foreseen = need_ns if len(intervals) < _FEW else 0
+        if not self._foreseen:
+            self._held = max(self._held, need_ns)
 
     def _note_delay(self, delay_ns: int, now_ns: int) -> None:
         begun = bool(self._delays or self._largest)
@@ -147,7 +151,7 @@ class PoseTiming:
     @property
     def need_ns(self) -> int:
         """The lag that these poses need [ns]; 0 = not known yet."""
-        need = max(self._held, self._held_before)
+        need = max(self._held, self._held_before, self._foreseen)
         return need + self.delay_ns if need else 0
 
     @property
@@ -157,8 +161,8 @@ class PoseTiming:
 
 
 def _second_largest(rising: list[int]) -> int:
-    """The second largest of several values, the largest of fewer than four."""
-    return rising[-2 if len(rising) > 3 else -1] if rising else 0
+    """The second largest of several values, the largest of few."""
+    return rising[-2 if len(rising) >= _FEW else -1] if rising else 0
 
 
 class Latency:

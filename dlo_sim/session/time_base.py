@@ -7,6 +7,7 @@ unless the stamps are of another epoch.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -39,8 +40,11 @@ _MOST_UNDATED = 100
 _CURE = "synchronise the clocks or set inputs.time: arrival"
 
 
-class Copy(Exception):
-    """The same message again, as from a second recorder: it is neither used nor refused."""
+class Copy(Refused):
+    """The same message again, as from a second recorder: neither used nor counted as refused."""
+
+    def __init__(self) -> None:
+        super().__init__("copy", "")
 
 
 class Decision(NamedTuple):
@@ -50,12 +54,12 @@ class Decision(NamedTuple):
         message: the message, with its stamp in the time base.
         restart: whether all earlier messages are forgotten, as stamps or clocks have jumped or are
             of another epoch.
-        refusal: why it is not used; None if it is.
+        refusal: why it is not used (`Copy`: it was, before); None if it is.
     """
 
     message: Stamped
     restart: bool = False
-    refusal: Refused | Copy | None = None
+    refusal: Refused | None = None
 
 
 class _Pending(NamedTuple):
@@ -114,17 +118,16 @@ class Source:
         while (oldest := next(iter(self.seen))) < self.last_ns - MOST_BEHIND:
             del self.seen[oldest]
 
-    def check_free(self, message: Stamped) -> None:
-        """Check that a message that is not the newest can still be put in its place.
-
-        Raises:
-            Copy: it is the same message again. Refused: its stamp is taken, or it comes too late.
+    def conflict(self, message: Stamped) -> Refused | None:
+        """Why a message that is not the newest cannot be put in its place: its stamp is taken, or
+        it comes too late.
         """
         stamp_ns = message.stamp_ns
         if stamp_ns in self.seen:
-            raise _of_one_stamp(message, self.seen[stamp_ns])
+            return _of_one_stamp(message, self.seen[stamp_ns])
         if self.passed_ns is not None and stamp_ns <= self.passed_ns:
-            raise _out_of_order(self.passed_ns - stamp_ns)
+            return _out_of_order(self.passed_ns - stamp_ns)
+        return None
 
     def note(self, difference_ns: int, now_ns: int) -> None:
         """Note the distance of a stamp from the clock [ns] at this watched time [ns]."""
@@ -229,16 +232,13 @@ class TimeBase:
                 source.undated.append((message, arrival_ns))
             yield self._dated(source, message, arrival_ns)
             return
-        try:
-            restart = self._place(source, message, arrival_ns)
-        except (Copy, Refused) as refused:
-            yield Decision(message, refusal=refused)
-            return
-        if restart is None:
+        placed = self._place(source, message, arrival_ns)
+        if placed is None:
             yield from self._wait(source, _Pending(message, arrival_ns, self._spent_ns))
-        else:
+            return
+        if placed.refusal is None:
             yield from self.refute(source, message.stamp_ns)
-            yield self._used(message, restart)
+        yield placed
 
     def _used(self, message: Stamped, restart: bool = False) -> Decision:
         """The decision to use a message; the first one in an epoch may start all over."""
@@ -257,17 +257,14 @@ class TimeBase:
         """Put a message among those that wait; refuse those that it refutes."""
         stamp_ns = new.message.stamp_ns
         yield from self.refute(source, stamp_ns + MOST_BEHIND)
-        later = []
-        while source.pending and source.pending[-1].message.stamp_ns >= stamp_ns:
-            later.append(source.pending.pop())
-        if later and later[-1].message.stamp_ns == stamp_ns:
-            refusal = _of_one_stamp(new.message, later[-1].message)
-            yield Decision(new.message, refusal=refusal)
+        pending = source.pending
+        at = bisect_left(pending, stamp_ns, key=lambda one: one.message.stamp_ns)
+        if at < len(pending) and pending[at].message.stamp_ns == stamp_ns:
+            yield Decision(new.message, refusal=_of_one_stamp(new.message, pending[at].message))
         else:
-            source.pending.append(new)
-        source.pending.extend(reversed(later))
-        if len(source.pending) > MOST_PENDING:
-            yield self._refused(source.pending.popleft())
+            pending.insert(at, new)
+        if len(pending) > MOST_PENDING:
+            yield self._refused(pending.popleft())
 
     def refute(self, source: Source, stamp_ns: int = 0) -> Iterator[Decision]:
         """Refuse the waiting messages of a topic with this stamp or a later one."""
@@ -279,9 +276,8 @@ class TimeBase:
         while self._decided and source.undated:
             yield self._dated(source, *source.undated.popleft())
         while source.pending:
-            first = source.pending[0]
-            restart = False
-            refusal: Refused | Copy | None = None
+            first, restart = source.pending[0], False
+            refusal: Refused | None = None
             ahead = first.message.stamp_ns - self.from_clock(clock_ns)
             if ahead > MOST_AHEAD:
                 if self._spent_ns - first.since_ns < PATIENCE:
@@ -295,38 +291,34 @@ class TimeBase:
                     restart = self._begin_again(newest.arrival_ns - newest.message.stamp_ns)
             source.pending.popleft()
             if refusal is None and not restart:
-                try:
-                    source.check_free(first.message)
-                except (Copy, Refused) as refused:
-                    refusal = refused
+                refusal = source.conflict(first.message)
             yield Decision(first.message, restart, refusal)
 
     def _refused(self, pending: _Pending) -> Decision:
         ahead = pending.message.stamp_ns - self.from_clock(pending.arrival_ns)
         return Decision(pending.message, refusal=_in_future(ahead))
 
-    def _place(self, source: Source, message: Stamped, clock_ns: int) -> bool | None:
-        """Apply the rules to a stamped message that arrives now.
-
-        Returns whether all starts over, None if it waits; raises Copy or Refused if it is not used.
-        """
+    def _place(self, source: Source, message: Stamped, clock_ns: int) -> Decision | None:
+        """Apply the rules to a stamped message that arrives now; None if it waits."""
         stamp_ns, difference_ns = message.stamp_ns, clock_ns - message.stamp_ns
         source.note(difference_ns, self._spent_ns)
         if self._has_jumped(source, stamp_ns):
-            return self._begin_again(difference_ns)
+            return self._used(message, self._begin_again(difference_ns))
+        refusal: Refused | None = None
         if source.last_ns is not None and stamp_ns <= source.last_ns:
             back_ns = source.last_ns - stamp_ns
-            if back_ns > MOST_BEHIND:
-                raise _too_old(back_ns)
-            source.check_free(message)
+            refusal = _too_old(back_ns) if back_ns > MOST_BEHIND else source.conflict(message)
         ahead_ns = self.offset_ns - difference_ns
-        if ahead_ns > MOST_AHEAD:
+        if refusal is None and ahead_ns > MOST_AHEAD:
             return None
         if ahead_ns < -MOST_BEHIND and source.last_ns is None:
-            raise _too_old(-ahead_ns, "those of other topics" if self.offset_ns else "the clock")
+            what = "those of other topics" if self.offset_ns else "the clock"
+            refusal = _too_old(-ahead_ns, what)
+        if refusal is not None:
+            return Decision(message, refusal=refusal)
         if self.offset_ns and ahead_ns > 0:
             self.offset_ns = _offset(difference_ns)
-        return False
+        return self._used(message)
 
     def _decide_first(self, difference_ns: int) -> None:
         """Let the first stamped message decide the offset; what another one dated starts over."""
@@ -395,7 +387,7 @@ def _too_old(behind_ns: int, what: str = "the last one used") -> Refused:
     return Refused("too_old", f"stamp is {behind_ns * 1e-9:.3f} s behind {what}; {_CURE}")
 
 
-def _of_one_stamp(message: Stamped, other: Stamped) -> Refused | Copy:
+def _of_one_stamp(message: Stamped, other: Stamped) -> Refused:
     return Copy() if message == other else _out_of_order(0)
 
 
