@@ -336,14 +336,15 @@ class Session:
             self._restart("time_jump" if self.started else "", line)
         stamp_ns, now_ns = message.stamp_ns, self._time.from_clock(self._clock_ns)
         self._drive.hear()
-        for entry in entries:
-            if entry.is_pose:
+        if isinstance(message, Pose):
+            for entry in entries:
                 self._latency.accept(entry.target, stamp_ns, now_ns)
-        if self.journal.topics[entry.topic].note_delay(now_ns - stamp_ns):
+        topic = entries[0].topic
+        if self.journal.topics[topic].note_delay(now_ns - stamp_ns):
             ahead = (stamp_ns - now_ns) * 1e-9
             self.journal.event(
                 "clock_ahead",
-                f"{entry.topic}: stamps are {ahead:.3f} s ahead of the clock, and act late by as "
+                f"{topic}: stamps are {ahead:.3f} s ahead of the clock, and act late by as "
                 "much; synchronise the clocks or set inputs.time: arrival",
             )
 
