@@ -258,7 +258,8 @@ class Shed(Enum):
 
 
 class Pacing:
-    """The limits of a tick, the lag, and the outputs that are dropped because of it.
+    """The limits of a tick, the lag, and the outputs that are dropped because of it; to be given a
+    scene by `configure`.
 
     Attributes:
         grid: times of the states to publish. most_steps: largest number of steps of one tick.
@@ -267,9 +268,8 @@ class Pacing:
         shed: which outputs the caller must leave out.
     """
 
-    def __init__(self, scene: Scene, step: float, live: bool) -> None:
+    def __init__(self, live: bool) -> None:
         self._live = live
-        self.configure(scene, step)
         self.clear()
 
     def configure(self, scene: Scene, step: float) -> None:

@@ -92,7 +92,7 @@ class Session:
         self._clock_ns = self._offset_ns = 0  # of the last message or tick
         self._live, self._accuracy = live, Accuracy(scene, self.journal)
         _look_at(self._drive.simulator, scene)
-        self._pacing = Pacing(scene, self._drive.simulator.step, live)
+        self._pacing = Pacing(live)
         self._follow_simulator()
         self.restarts = 0
         self._paused = False
