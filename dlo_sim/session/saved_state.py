@@ -209,7 +209,7 @@ class StateKeeper:
             save_state(path, saved)
         except Exception as error:  # no one waits for this thread
             self._log.warning(
-                f"state.save_to: {path} cannot be written ({one_line(str(error))}); free space or "
+                f"state.save_to: {path} cannot be written ({one_line(error)}); free space or "
                 "choose another folder",
                 throttle_duration_sec=5.0,
             )
