@@ -19,7 +19,6 @@ from dlo_sim.core import arguments
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.forecast import EVERY, Forecast, Plan
-from dlo_sim.simulation.meshes import keep_also, kept_of
 from dlo_sim.simulation.recording import energies_at, record_simulator, sample_times
 from dlo_sim.simulation.resolution import resolved
 from dlo_sim.simulation.simulator import Simulator
@@ -29,10 +28,8 @@ _TOGETHER = 16  # plans that a worker gets at a time
 Start = tuple[ArrayLike, ArrayLike]
 Given = TypeVar("Given")
 Path = tuple[ArrayLike, Mapping[str, ArrayLike]]
-Kept = dict[str, Array]
-"""Meshes that are no files: they are sent with every scene, which takes milliseconds."""
-Asked = tuple[int, Scene, Start | None, Path | None, Kept]
-"""A scene of the batch: its number, it, its start, its path, and its meshes."""
+Asked = tuple[int, Scene, Start | None, Path | None]
+"""A scene of the batch: its number, it, its start, and its path."""
 
 
 @dataclass(frozen=True)
@@ -105,8 +102,7 @@ def simulate_batch(
     _check(scenes, duration, every)
     scenes = _alike(scenes)
     starts, paths = _each("initial", initial, scenes), _each("poses", poses, scenes)
-    kept = map(kept_of, scenes)
-    asked = list(zip(range(len(scenes)), scenes, starts, paths, kept, strict=True))
+    asked = list(zip(range(len(scenes)), scenes, starts, paths, strict=True))
     opened = open_workers(scheduler, processes) if workers is None else nullcontext(workers)
     with opened as crew:
         runs = list(crew.map(partial(_run, duration, every), asked))
@@ -157,8 +153,7 @@ def _run(duration: float, every: float, asked: Asked) -> dict[str, Any]:
     """The entries of one scene in `BatchResult`; after its last good state that state is
     repeated.
     """
-    k, scene, start, path, kept = asked
-    keep_also(kept)
+    k, scene, start, path = asked
     try:
         simulator = Simulator(scene)
         if start is not None:
@@ -230,14 +225,13 @@ def forecast_batch(
     pieces = [numbered[k : k + _TOGETHER] for k in range(0, len(plans), _TOGETHER)]
     opened = open_workers(scheduler, processes) if workers is None else nullcontext(workers)
     with opened as crew:
-        done = crew.map(partial(_forecasts, simulator, kept_of(simulator.scene), every), pieces)
+        done = crew.map(partial(_forecasts, simulator, every), pieces)
         return [found for part in done for found in part]
 
 
 def _forecasts(
-    simulator: Simulator, kept: Kept, every: float, plans: Sequence[tuple[int, Plan]]
+    simulator: Simulator, every: float, plans: Sequence[tuple[int, Plan]]
 ) -> list[Forecast]:
-    keep_also(kept)
     found = []
     for k, plan in plans:
         try:

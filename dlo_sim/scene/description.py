@@ -48,7 +48,7 @@ from dlo_sim.scene.numerics import (
     discretization_rules,
     integrator_rules,
 )
-from dlo_sim.scene.obstacles import IN_TEXT, Contact, Obstacle, contact_rules, obstacle_rules
+from dlo_sim.scene.obstacles import Contact, Obstacle, contact_rules, obstacle_rules
 from dlo_sim.scene.parameter import (
     Names,
     Parameter,
@@ -541,10 +541,8 @@ def check_added(scene: Scene, obstacle: Obstacle) -> None:
     """Raise SceneError for an obstacle that cannot be added to a scene while it is simulated:
     invalid, driven by poses, or of the name of another.
     """
-    triangles = isinstance(obstacle.mesh, str) and obstacle.mesh.startswith(IN_TEXT)
     for row in parameters_of(obstacle, f"obstacles.{obstacle.name}."):
-        if not (triangles and row.default is obstacle.mesh):  # no name, and longer than one
-            check_value(row, row.default)
+        check_value(row, row.default)
     taken = set(scene.holders) | {one.name for one in scene.bodies}
     if obstacle.name in taken:
         raise refusal("obstacles", obstacle.name, "is there already; remove it before")

@@ -13,7 +13,7 @@ from dlo_sim.scene.description import Obstacle
 from dlo_sim.simulation import obstacles
 from dlo_sim.simulation.buckling import look_due, release
 from dlo_sim.simulation.geometry import moved
-from dlo_sim.simulation.meshes import as_text
+from dlo_sim.simulation.meshes import keep_triangles
 from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.running import Running
 
@@ -101,7 +101,7 @@ def load_ahead(sim: Running) -> None:
     sim.cable.present_energy()
     if sim.scene.contact.markers and "contact" not in sim.needs:
         x, y, z = (sim.origin + 1e3 * sim.scene.cable.length).tolist()
-        mesh = as_text(obstacles.surface(Obstacle("box", "box")))
+        mesh = keep_triangles(obstacles.surface(Obstacle("box", "box")))
         body = Obstacle("body", "mesh", position=(x, y, z), mesh=mesh, mesh_cells=8)
         sim.replace_added((body,))
         _read(sim)

@@ -279,8 +279,6 @@ def test_a_fall_on_a_mesh_of_few_cells_keeps_the_energy_account():
 def test_meshes_without_a_file_are_refused():
     with pytest.raises(SceneError, match="obstacles.body.mesh: '' is no file"):
         simulator(LYING)
-    with pytest.raises(SceneError, match="these triangles are of another process"):
-        simulator(LYING, {"obstacles.body.mesh": "triangles:0"})
     with pytest.raises(ValueError, match=r"triangles: need shape \(k, 3, 3\), got \(2, 3\)"):
         meshes.keep_triangles(np.zeros((2, 3)))
     with pytest.raises(ValueError, match="triangles: is not closed"):
