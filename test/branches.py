@@ -92,6 +92,9 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
     model = Model(
+        first.scene,
+        first.needs,
+        first.geometries,
         arrays,
         np.concatenate([model.knots for model in models]),
         Quadrature(

@@ -27,10 +27,7 @@ Array = NDArray[np.float64]
 
 
 def build_model(
-    scene: Scene,
-    needs: Needs,
-    geometries: Geometries,
-    origin: NDArray[np.float64] | None = None,
+    scene: Scene, needs: Needs, geometries: Geometries, origin: Array | None = None
 ) -> Model:
     """Constants of a scene held where `geometries` says.
 
@@ -78,7 +75,8 @@ def build_model(
     stiffness = axial, bending
     places = dict(zip(scene.bodies, obstacles.at_rest(scene, origin), strict=True))
     lines = axes, twist, holding
-    model = Model(arrays, knots, rule, *lines, *stiffness, rest, origin, places, fields)
+    of = scene, needs, geometries
+    model = Model(*of, arrays, knots, rule, *lines, *stiffness, rest, origin, places, fields)
     _Filling(scene, needs, model).fill()
     return model
 

@@ -52,10 +52,11 @@ class Cable:
 
     def __init__(self, model: Model) -> None:
         self._left_out = 0  # bits of terms that the method leaves out
-        self._allocate(model)
+        self.allocate(model)
         self.place_obstacles(0.0)
 
-    def _allocate(self, model: Model) -> None:
+    def allocate(self, model: Model) -> None:
+        """Go over to another model, with inputs and state that are zero."""
         sizes = model.arrays.sizes
         self.inputs, self.state = map(aligned_zeros, model.rooms)
         self.model, self.arrays = model, copy(model.arrays)
@@ -77,7 +78,7 @@ class Cable:
         positions and velocities (`put`).
         """
         before = copy(self)
-        self._allocate(model)
+        self.allocate(model)
         self.motion[:], self.loads[:] = before.motion, before.loads
         for array, values in zip(self._lasting, before._lasting, strict=True):
             array[...] = values
@@ -187,7 +188,7 @@ class Cable:
 
     def __setstate__(self, kept: tuple[Model, int, Array, Array]) -> None:
         model, self._left_out, inputs, state = kept
-        self._allocate(model)
+        self.allocate(model)
         self.inputs[:], self.state[:] = inputs, state
 
     def call(self, entry: Kernel, *arguments: Any) -> Any:

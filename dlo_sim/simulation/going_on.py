@@ -83,7 +83,7 @@ def _take_over_grasps(sim: Running, other: Running) -> list[str]:
             slipped_out = before.u is None and other.scene.grasp(name).taken
             taking += [name] * (grasp.taken and not slipped_out)
     if sim.scene.grasps:
-        sim.activate(sim.needs, held)
+        sim.activate(sim.scene, sim.needs, held)
     return taking
 
 

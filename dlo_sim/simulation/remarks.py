@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 
@@ -147,10 +146,10 @@ def unstable_in_plane(sim: Running) -> str:
     """
     if len(sim.model.axes) == 3 or sim.scene.terms.out_of_plane != "off":
         return ""
-    copy = deepcopy(sim)
-    copy.scene = replace(sim.scene, terms=replace(sim.scene.terms, out_of_plane="on"))
-    copy.activate(needs_of(copy.scene), sim.held_now)
-    return plane_warning(copy.cable, copy.scene)
+    scene = replace(sim.scene, terms=replace(sim.scene.terms, out_of_plane="on"))
+    copy = Running.resumed(sim.snapshot())
+    copy.activate(scene, needs_of(scene), sim.held_now)
+    return plane_warning(copy.cable, scene)
 
 
 def _bends_with(

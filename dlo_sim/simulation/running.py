@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +28,7 @@ from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.curve import Curve
 from dlo_sim.simulation.ends import EndDrive
-from dlo_sim.simulation.geometry import Geometries, Geometry, moved, origin_of
+from dlo_sim.simulation.geometry import Geometries, Geometry
 from dlo_sim.simulation.holding import holding_of
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.natural_shape import NaturalShape
@@ -40,25 +41,6 @@ from dlo_sim.simulation.timeline import Change, Waiting, recorded
 Array = NDArray[np.float64]
 Overlaps = dict[tuple[str, obstacles.Overlap], tuple[int, float]]
 """Obstacle that was inside the cable, how it came there -> how often, how deep at most [m]."""
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """Everything that `Simulator.restore` needs to continue bit for bit. State, inputs and
-    geometries are relative to `origin`, shape (3,) [m]; `step` [s] is that of `steps`.
-    """
-
-    scene: Scene
-    steps: int
-    remainder: float
-    needs: Needs
-    state: Array
-    inputs: Array
-    geometries: Geometries
-    origin: Array
-    step: float
-    waiting: Waiting = field(default_factory=dict)
-    overlaps: Overlaps = field(default_factory=dict)
 
 
 class Noticed:
@@ -83,17 +65,45 @@ class Noticed:
         self.watch = self_contact.Watch()
 
 
+@dataclass(frozen=True)
+class Snapshot:
+    """Everything that changes of a cable that runs, with the constants that it belongs to: from a
+    copy of it, any process goes on bit for bit.
+
+    Attributes:
+        model: the constants. needs: with the warnings so far. choice: method and step.
+        steps: made so far. remainder: time [s] that is carried over to the next advance.
+        state, inputs: the numbers of the cable. waiting: motions that have not begun.
+        noticed: see there.
+    """
+
+    model: Model
+    needs: Needs
+    choice: Choice
+    steps: int
+    remainder: float
+    state: Array
+    inputs: Array
+    waiting: Waiting
+    noticed: Noticed
+
+    @property
+    def scene(self) -> Scene:
+        """What is simulated."""
+        return self.model.scene
+
+    @property
+    def geometries(self) -> Geometries:
+        """What holds the cable, grasps as they took it."""
+        return self.model.geometries
+
+
 class Running:
     """A cable of one scene with its ends, natural shape, motions and steps.
 
-    Args:
-        scene: that leaves nothing open (`resolution.resolved`). geometries: what holds it, in the
-            world.
-
     Attributes:
-        scene, needs: what is simulated, with which terms. geometries: what holds the cable, grasps
-            as they took it. origin: of the cable's coordinates in the world [m], shape (3,).
-        cable: the arrays. curve: its centerline. natural: its natural shape. ends: end effectors.
+        needs: the terms. cable: the arrays. curve: its centerline. natural: its natural shape.
+        ends: end effectors.
         choice: method, step and the reason for them. stepper: of these steps. steps: made so far.
         noticed: see there. follower: repeats every change (`timeline.recorded`), or None.
     """
@@ -102,20 +112,58 @@ class Running:
     stepper: Stepper
     initial: Snapshot
 
-    def __init__(self, scene: Scene, needs: Needs, geometries: Geometries) -> None:
-        self.scene, self.needs = scene, needs
-        self.origin = origin_of(geometries)
-        self.geometries: Geometries = moved(geometries, -self.origin)
-        self.cable = Cable(build_model(scene, needs, self.geometries, origin=self.origin))
-        self.curve = Curve(self.cable, self.geometries["start"].tangent)
-        self.ends = EndDrive(scene, self.geometries, self.model.knots)
+    def __init__(self, model: Model) -> None:
+        self.needs = model.needs
+        self.cable = Cable(model)
+        self.curve = Curve(self.cable, model.geometries["start"].tangent)
+        self.ends = EndDrive(model.scene, model.geometries, model.knots)
         self.steps, self.remainder = 0, 0.0
         self.noticed = Noticed()
         self.follower: Callable[[Change], object] | None = None
-        for row, load in zip(self.cable.loads, scene.loads, strict=False):
+        for row, load in zip(self.cable.loads, model.scene.loads, strict=False):
             if load.signal != "none":
                 row[:3], row[3:6] = load.force, load.torque
             row[6] = load.frequency if load.signal == "sine" else 0.0
+        self.hold_cable()
+
+    @classmethod
+    def resumed(cls, snapshot: Snapshot, initial: Snapshot | None = None) -> Self:
+        """One that goes on from a snapshot, of this process or another one.
+
+        Args:
+            initial: to which it can be reset; default: the snapshot.
+
+        Raises:
+            TypeError: not a snapshot. ValueError: its numbers are none of a cable.
+        """
+        arguments.instance("snapshot", snapshot, Snapshot, "from Simulator.snapshot")
+        found = cls.__new__(cls)
+        Running.__init__(found, snapshot.model)
+        found.initial = initial or snapshot
+        found.step_by(snapshot.choice)
+        found.restore(snapshot)
+        if not (found.cable.indices_fit and math.isfinite(found.cable.present_energy())):
+            raise ValueError("snapshot: its numbers do not fit; give one of Simulator.snapshot")
+        return found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy goes on from the same state, and is not followed."""
+        return type(self).resumed, (self.snapshot(), self.initial)
+
+    @property
+    def scene(self) -> Scene:
+        """What is simulated: a scene that leaves nothing open (`resolution.resolved`)."""
+        return self.model.scene
+
+    @property
+    def geometries(self) -> Geometries:
+        """What holds the cable, grasps as they took it."""
+        return self.model.geometries
+
+    @property
+    def origin(self) -> Array:
+        """Origin of the cable's coordinates in the world [m], shape (3,)."""
+        return self.model.origin
 
     @property
     def time(self) -> float:
@@ -276,7 +324,7 @@ class Running:
         obstacles.fields_of(scene)  # refuses a mesh while nothing is changed
         self.cable.settle(self.time)
         before, kept = self.cable.present_energy(), self.pressures
-        self.scene, needs = scene, self.needs.with_contact(bool(scene.bodies) and scene.touches)
+        needs = self.needs.with_contact(bool(scene.bodies) and scene.touches)
         if added and len(needs.axes) == 2:
             if scene.terms.out_of_plane != "off":  # what touches does not hang taut
                 needs = needs_of(scene)
@@ -284,7 +332,7 @@ class Running:
                 needs = needs.in_plane(scene)
         for one in known ^ set(scene.bodies):
             self.ends.queue.by_name.pop(one.name, None)
-        self.activate(needs, self.geometries)
+        self.activate(scene, needs, self.geometries)
         new = (one.name for one in set(scene.bodies) - known)
         self.give_way({name: kept.get(name, obstacles.UNTOUCHED) for name in new})
         self.cable.account.drive_work += self.cable.present_energy() - before
@@ -396,7 +444,7 @@ class Running:
         if geometry.u is not None:
             angle = self.curve.twist_at(geometry.u, self.cable.points)
             self.ends.count_from(grasp, self.time, angle)
-        self.activate(self.needs, geometries)
+        self.activate(self.scene, self.needs, geometries)
         if geometry.u is None:
             self.cable.part_strands(held)
         self.cable.account.drive_work += self.cable.present_energy() - before
@@ -426,17 +474,15 @@ class Running:
     def snapshot(self) -> Snapshot:
         """The present state, from which `restore` continues bit for bit."""
         return Snapshot(
-            self.scene,
+            self.model,
+            self.needs,
+            self.choice,
             self.steps,
             self.remainder,
-            self.needs,
             self.cable.state.copy(),
             self.cable.inputs.copy(),
-            self.geometries,
-            self.origin,
-            self.step,
             dict(self.ends.queue.by_name),
-            dict(self.noticed.overlaps),
+            deepcopy(self.noticed),
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -448,23 +494,22 @@ class Running:
         arguments.instance("snapshot", snapshot, Snapshot, "from Simulator.snapshot")
         if snapshot.scene != replace(self.scene, added=snapshot.scene.added):
             raise ValueError("snapshot: is of another scene; restore it where it was taken")
-        self.steps = snapshot.steps
-        self.remainder = snapshot.remainder
-        known = snapshot.scene == self.scene and snapshot.geometries is self.geometries
-        if snapshot.needs != self.needs or not known:
-            self.scene, self.origin = snapshot.scene, snapshot.origin
-            self._take_model(snapshot.needs, snapshot.geometries)
-        self.needs = snapshot.needs  # equal needs may have different warnings
-        self.cable.state[:] = snapshot.state
-        self.cable.inputs[:] = snapshot.inputs
-        if self.noticed.fell and self.noticed.fell[0] > self.time:
-            self.noticed.fell = None
+        if snapshot.model is not self.model:
+            self.cable.allocate(snapshot.model)
+            self.hold_cable()
+        self.needs = snapshot.needs
+        self.steps, self.remainder = snapshot.steps, snapshot.remainder
+        self.cable.state[:], self.cable.inputs[:] = snapshot.state, snapshot.inputs
         self.ends.restored()
         self.ends.queue.by_name = dict(snapshot.waiting)
-        self.noticed.overlaps = dict(snapshot.overlaps)
-        if snapshot.step != self.step:  # of explicit steps, chosen in another shape
-            self.choice = replace(self.choice, step=snapshot.step)
-            self.stepper = Stepper(self.scene, self.cable, self.choice.method, self.step)
+        self.noticed = deepcopy(snapshot.noticed)
+        if snapshot.choice != self.choice:  # of explicit steps, chosen in another shape
+            self.step_by(snapshot.choice)
+
+    def step_by(self, choice: Choice) -> None:
+        """Use this method and step from now on."""
+        self.choice = choice
+        self.stepper = Stepper(self.scene, self.cable, choice.method, choice.step)
 
     def reset(self) -> None:
         """Go back to the initial state."""
@@ -541,24 +586,17 @@ class Running:
         cable.account.load_work += work
         return float(work)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """A copy is not followed."""
-        return self.__dict__ | {"follower": None}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Connect the end effectors of a copy to the copy's own arrays."""
-        self.__dict__.update(state)
-        self.ends.live_in(self.cable.motion)
-
     # -- model ------------------------------------------------------------------------------------
 
-    def activate(self, needs: Needs, geometries: Geometries) -> None:
-        """Go on with other needs or grasps from the present state."""
+    def activate(self, scene: Scene, needs: Needs, geometries: Geometries) -> None:
+        """Go on with other needs, grasps or added obstacles from the present state."""
         cable, points, rates = self.cable, self.cable.points, self.velocities
         pulled = dict(zip(self.model.spring_places, cable.anchors.tolist(), strict=True))
         in_material_frame = self.model.has(MATERIAL)
         self.ends.take_frame_turns(cable.frame_turn)
-        self._take_model(needs, geometries)
+        self.needs = needs
+        cable.activate(build_model(scene, needs, geometries, self.origin))
+        self.hold_cable()
         for k, held in enumerate(self.model.spring_places):
             cable.anchors[k] = pulled.get(held, cable.anchors[k])
         cable.put(points, rates)
@@ -566,22 +604,14 @@ class Running:
             self.lay_natural_shape()
         cable.flow()
 
-    def _take_model(self, needs: Needs, geometries: Geometries) -> None:
-        """Make the model that of these needs and of what holds the cable."""
-        self.needs, self.geometries = needs, geometries
-        self.cable.activate(build_model(self.scene, needs, geometries, origin=self.origin))
-        self.hold_cable()
-        self.shape_naturally()
-
     def hold_cable(self) -> None:
-        """Let the end effectors and grasps hold the cable where they are now."""
+        """Let the end effectors and grasps hold the cable where they are now, with the natural
+        shape of the scene.
+        """
         self.ends.live_in(self.cable.motion)
         self.ends.pull_springs(self.cable, self.time)
         self.cable.point_grasps(self.time if self.steps else 0.0)
         self.cable.place_obstacles(self.time)
-
-    def shape_naturally(self) -> None:
-        """Write the natural shape of the scene to the arrays, turned with the start."""
         tangent = self.geometries["start"].tangent
         self.natural = NaturalShape(self.scene, self.cable, tangent, self.start_orientation)
 

@@ -32,7 +32,8 @@ class Choice:
     """Method and step of a run, and one line that says why.
 
     limit: largest stable step [s] of the linearised scene, inf for an implicit method; frequency:
-    its largest frequency [rad/s], as given to `choose`.
+    its largest frequency [rad/s], as given to `choose`. resolution: how many control points it has,
+    and why, one line.
     """
 
     method: Method
@@ -40,6 +41,7 @@ class Choice:
     reason: str
     limit: float
     frequency: float
+    resolution: str = ""
 
 
 def choose(scene: Scene, frequency: float, unchecked_step: bool = False) -> Choice:

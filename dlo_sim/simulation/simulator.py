@@ -24,22 +24,22 @@ from dlo_sim.scene.description import EARTH, Obstacle, Scene, check_added
 from dlo_sim.scene.needs import check_terms, inextensible, needs_of, with_load
 from dlo_sim.simulation import following, obstacles, remarks, self_contact
 from dlo_sim.simulation.bodies import write
+from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.ends import NEAR, apart
 from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, checked_times, shape_times
 from dlo_sim.simulation.frequency import largest_frequency
-from dlo_sim.simulation.geometry import Pose, geometries_of, known_holder, moved
+from dlo_sim.simulation.geometry import Pose, geometries_of, known_holder, moved, origin_of
 from dlo_sim.simulation.going_on import load_ahead, take_over
 from dlo_sim.simulation.play import stretch
 from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Slide
 from dlo_sim.simulation.resolution import continued, resolved
-from dlo_sim.simulation.running import Running, Snapshot
+from dlo_sim.simulation.running import Running
 from dlo_sim.simulation.selection import check_named_method, choose, is_implicit
 from dlo_sim.simulation.soundness import sound_now
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.statics import FirstShape
-from dlo_sim.simulation.stepper import Stepper
 from dlo_sim.simulation.timeline import recorded
 
 Array = NDArray[np.float64]
@@ -51,17 +51,18 @@ class Simulator(Running):
 
     Attributes:
         scene: with the number of control points and the knots that were chosen where it left them
-            open; resolution: why, one line. choice: method, step and the reason for them. cable:
-            the arrays. follower: repeats every change (`timeline.recorded`), or None.
+            open. choice: method, step and the reason for them. cable: the arrays. follower: repeats
+            every change (`timeline.recorded`), or None.
 
     Args:
         scene: what to simulate, from `dlo_sim.load_scene`.
         end_poses: poses of end effectors and obstacles at time 0, {"start": (position [m] (3,),
             quaternion x, y, z, w (4,)), ...}; the others have the poses of the scene.
         unchecked_step: use integrator.step even above the stability limit (to study stability).
-        continues: `take_over` or `restore` follows, so no first shape is looked for, nor refused.
         near: another simulator; of several equilibria the cable begins in that nearest to its
             present shape, so that a finer run of the same scene begins as it did.
+        before: another simulator whose state this one will `take_over`, so that no first shape is
+            looked for, nor refused.
 
     For an argument of a wrong type or value, every method raises a TypeError or ValueError of one
     line that names the cure, and leaves the state unchanged.
@@ -70,18 +71,20 @@ class Simulator(Running):
         SceneError: a scene that cannot be simulated, in one line.
     """
 
+    compile_seconds = 0.0
+
     def __init__(
         self,
         scene: Scene,
         end_poses: Mapping[str, Pose] | None = None,
         *,
         unchecked_step: bool = False,
-        continues: bool = False,
         near: Simulator | None = None,
+        before: Simulator | None = None,
     ) -> None:
         arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
-        scene, self.resolution = resolved(scene)
-        needs = needs_of(scene, continues)
+        scene, resolution = resolved(scene)
+        needs = needs_of(scene, before is not None)
         check_terms(scene, needs)
         check_named_method(scene)
         bodies = {one.name for one in scene.bodies}
@@ -89,22 +92,23 @@ class Simulator(Running):
         poses = given
         if isinstance(given, Mapping):  # else `geometries_of` refuses it
             poses = {name: pose for name, pose in given.items() if name not in bodies}
-        super().__init__(scene, needs, geometries_of(scene, poses))
+        held = geometries_of(scene, poses, before.geometries if before else None)
+        origin = origin_of(held)
+        super().__init__(build_model(scene, needs, moved(held, -origin), origin))
         for name in bodies & set(given):
             self.move_obstacle(name, EndMotion.resting(*given[name]))
-        self.hold_cable()
-        self.shape_naturally()
+        self.cable.place_obstacles(0.0)
         lay = self.lay_unslipped if self.natural.follows else None
         shape = self.cable.shape_of(near.cable, near.time)[0] if near else None
         first = FirstShape(scene, self.geometries, self.ends, self.cable, lay)
-        resting = first.place(shape, continues)
-        if not continues:
-            held = [one.u for one in self.geometries.values() if one.u is not None]
-            self_contact.check_start(scene, self.cable, held)
+        resting = first.place(shape, before is not None)
+        if not before:
+            places = [one.u for one in self.geometries.values() if one.u is not None]
+            self_contact.check_start(scene, self.cable, places)
         frequency = 0.0 if is_implicit(scene) else largest_frequency(scene, self.cable)
-        self.choice = choose(scene, frequency, unchecked_step)
-        self.stepper = Stepper(scene, self.cable, self.choice.method, self.choice.step)
-        if not given and not continues:
+        choice = choose(scene, frequency, unchecked_step)
+        self.step_by(replace(choice, resolution=resolution))
+        if not given and not before:
             remarks.look_at_start(self)
         if not resting:
             self.give_way(let_be=LIGHT * scene.cable.mu * EARTH)
@@ -117,25 +121,12 @@ class Simulator(Running):
         load_ahead(self)
         self.compile_seconds = time.perf_counter() - started
 
-    @classmethod
-    def resumed(cls, snapshot: Snapshot) -> Simulator:
-        """A simulator that goes on from a snapshot of another process, whatever has happened since
-        the start to what holds the cable; its scene is that of the snapshot without added
-        obstacles.
-
-        Raises:
-            TypeError: not a snapshot. ValueError: its numbers are none of a cable.
-        """
-        arguments.instance("snapshot", snapshot, Snapshot, "from Simulator.snapshot")
-        held = moved(snapshot.geometries, snapshot.origin)
-        poses = {name: (one.position, one.orientation) for name, one in held.items()}
-        found = cls(replace(snapshot.scene, added=()), poses, unchecked_step=True, continues=True)
-        found.restore(snapshot)
-        if not (found.cable.indices_fit and math.isfinite(found.cable.present_energy())):
-            raise ValueError("snapshot: its numbers do not fit; give one of Simulator.snapshot")
-        return found
-
     # -- what it is -------------------------------------------------------------------------------
+
+    @property
+    def resolution(self) -> str:
+        """How many control points it has, and why, one line."""
+        return self.choice.resolution
 
     @property
     def method(self) -> str:
@@ -623,7 +614,7 @@ class Simulator(Running):
             ValueError: the scene cannot be simulated, or the state has no finite energy in it.
         """
         arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
-        scene, resolution = resolved(continued(scene, self.scene))
+        scene = replace(continued(scene, self.scene), added=())
         same = (scene.cable.length, scene.discretization) == (
             self.scene.cable.length,
             self.scene.discretization,
@@ -633,15 +624,8 @@ class Simulator(Running):
                 "terms.stretch: off keeps the length from the start of a run, with its "
                 "cable.length and control points; begin anew with it, or set it to auto"
             )
-        # Tangents that the scene does not give are those of this simulator.
-        tangents = {
-            f"{end}.tangent": list(self.geometries[end].tangent)
-            for end in scene.ends
-            if not any(scene.ends[end].tangent)
-        }
         poses = {name: self.end_pose(name) for name in scene.holders | scene.moved}
-        other = Simulator(replace(scene.with_values(tangents), added=()), poses, continues=True)
-        other.scene, other.resolution = replace(scene, added=()), resolution
+        other = Simulator(scene, poses, before=self)
         other.take_over(self)
         if not math.isfinite(other.cable.account.energy_start):
             raise ValueError("scene: the present shape and motion have no finite energy in it")
