@@ -12,13 +12,9 @@ not show in the reactions. Their energy counts as work of the loads.
 Nothing in the scene decides to which side the cable falls. The push is a fixed function of the
 material coordinate, so all discretisations of a scene fall to the same one.
 
-The stiffness across a plane is that of the shape, K, and that of the twist. Between two places that
-hold the roll of a cable without twist, l apart, a displacement y across the plane twists it by
-u . y, the change of the holonomy, with u_i = integral of b_i' kappa over the cable between them
-(kappa the curvature with its sign in the plane, per length): K + GJ / l u u^T.
-A factorisation counts the negative eigenvalues. Of a natural shape only K is known, not how the
-cable rolls. Nothing is pushed where K does not tell: of a bent cable under moments, which are not
-conservative, it is not symmetric.
+Whether it is stable is asked as in the search for an equilibrium (`methods.relax_step`), with the
+twist that acts on the shape. Nothing is pushed where the stiffness does not tell: of a bent cable
+under moments, which are not conservative, it is not symmetric.
 
 Under torsion a straight cable coils, which only twist that acts on the shape shows; for other
 models of twist there is a warning.
@@ -33,9 +29,9 @@ from numba import boolean, float64, int64
 from numpy.typing import NDArray
 
 from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, STRIDED, inline, kernel
-from dlo_sim.core import bspline, elimination, mass
+from dlo_sim.core import bspline, mass
 from dlo_sim.engine.arrays import ANY_STRETCH, BISHOP
-from dlo_sim.scene.description import Scene
+from dlo_sim.methods import relax_step
 from dlo_sim.simulation.cable import Cable
 
 Array = NDArray[np.float64]
@@ -46,7 +42,6 @@ PUSH = 0.05  # of the accuracy asked for, or of BENT lengths: how far it goes be
 SLOWEST = 0.25  # [1/s] growth that counts
 ROUNDING = 1e-13  # of the largest entry of K, eigenvalue that counts as none
 WAVES = 6  # of the push along the cable
-SAMPLES = 6  # of a knot span, for the holonomy
 
 
 def look_due(cable: Cable) -> int:
@@ -57,7 +52,7 @@ def look_due(cable: Cable) -> int:
     return 1 if lying == 1 else PLANE_LOOKS if lying < len(cable.model.axes) else 0
 
 
-def release(cable: Cable, scene: Scene) -> Array | None:
+def release(cable: Cable) -> Array | None:
     """Push a cable that lies on a line or in a plane, where that is unstable.
 
     Returns:
@@ -66,7 +61,7 @@ def release(cable: Cable, scene: Scene) -> Array | None:
     free = _across(cable)
     if free is None:
         return None
-    rate = growth(cable, scene, free)
+    rate = growth(cable, free)
     if rate == 0.0:
         return None
     dim = len(cable.model.axes)
@@ -77,20 +72,20 @@ def release(cable: Cable, scene: Scene) -> Array | None:
     if largest == 0.0:
         return None
     before = cable.kinetic()
-    way = PUSH * min(scene.accuracy.target, BENT * float(cable.model.knots[-1]))
+    way = PUSH * min(cable.model.scene.accuracy.target, BENT * float(cable.model.knots[-1]))
     cable.w[:dim] += way * rate / largest * push[:dim]
     cable.account.load_work += cable.kinetic() - before
     return free
 
 
-def side_note(cable: Cable, scene: Scene, since: float, free: Array) -> str:
+def side_note(cable: Cable, since: float, free: Array) -> str:
     """One line if a cable that could fall to either side at a time [s] has left its line or plane.
 
     Args:
         free: projection (3, 3) onto the directions across it.
     """
     away = np.einsum("de,ne->nd", free, cable.points[:, :3] - cable.points[0, :3])
-    if np.abs(away).max() <= scene.accuracy.target:
+    if np.abs(away).max() <= cable.model.scene.accuracy.target:
         return ""
     return (
         f"the cable left at {since:.3g} s the line or plane in which everything lay, and the scene "
@@ -98,12 +93,12 @@ def side_note(cable: Cable, scene: Scene, since: float, free: Array) -> str:
     )
 
 
-def plane_warning(cable: Cable, scene: Scene) -> str:
+def plane_warning(cable: Cable) -> str:
     """One line if a cable, in space as terms.out_of_plane off keeps it in its plane, would leave
     that, else empty.
     """
     free = _across(cable)
-    if free is None or not growth(cable, scene, free):
+    if free is None or not growth(cable, free):
         return ""
     return (
         "terms.out_of_plane: off, so the cable stays in its plane, where this shape is unstable: "
@@ -228,98 +223,25 @@ def _without_momentum(cable: Cable, push: Array) -> Array:
     return push
 
 
-def growth(cable: Cable, scene: Scene, free: Array) -> float:
+def growth(cable: Cable, free: Array) -> float:
     """Rate [1/s], within a factor of 1.5, at which the fastest mode across grows; 0 if none does.
 
-    A mode grows with a rate above r where K + r^2 M has a negative eigenvalue.
+    A mode grows with a rate above r where K + r^2 M has a negative eigenvalue. Motions within the
+    line or plane are held by a stiff guide. Twist that acts on the shape follows it.
+
+    Args:
+        free: projection (dim, dim) onto the directions across the line or plane.
     """
-    band = cable.stiffness(moments=True).copy()
-    if cable.solve_held(np.zeros(len(band))) == 0:
-        return 0.0  # stable in all directions, which costs the least to know
-    largest = float(np.abs(band).max() / cable.model.mass(0).max())
-    twisted = _holonomy(cable, scene, free)
+    largest = float(np.abs(cable.stiffness()).max() / cable.model.mass(0).max())
+    guide, length = largest * (np.eye(len(free)) - free), float(cable.model.knots[-1])
+    given = guide, cable.padded(cable.x), cable.anchors, length, cable.model.has(BISHOP), False
+
+    def grows(rate: float) -> bool:
+        return not cable.call(relax_step.is_stable, 1.0 / rate**2, *given)
+
     rate = max(SLOWEST, math.sqrt(ROUNDING * largest))
-    if not _negative(cable, free, rate, twisted):
+    if not grows(rate):
         return 0.0
-    while _negative(cable, free, 2.0 * rate, twisted):
+    while grows(2.0 * rate):
         rate *= 2.0
     return math.sqrt(2.0) * rate
-
-
-def _negative(cable: Cable, free: Array, rate: float, twisted: tuple[Array, Array]) -> bool:
-    """Whether K + rate^2 M + U C U^T has a negative eigenvalue across the line or plane.
-
-    With the m columns of U and the compliances 1 / C it has as many as K + rate^2 M and
-    - 1 / C - U^T (K + rate^2 M)^-1 U together, less m.
-    """
-    columns, compliances = twisted
-    sides = free[:, np.argmax(np.diag(free))]
-    sides = sides / math.hypot(*sides)
-    solved = []
-    for column in (*columns, np.zeros(cable.model.n)):
-        _restrict(cable, free, rate)
-        unknowns = np.outer(column, sides).ravel()
-        count = cable.solve_held(unknowns)
-        solved.append((unknowns.reshape(len(column), -1) * sides).sum(axis=1))
-    if not len(columns) or count <= 0:
-        return count > 0
-    schur = -np.diag(compliances) - np.einsum("in,kn->ik", columns, solved[:-1])
-    pivots = elimination.solve(schur, compliances)[1]
-    return bool(count + np.count_nonzero(pivots < 0.0) > len(columns))
-
-
-def _restrict(cable: Cable, free: Array, rate: float) -> None:
-    """Write K + rate^2 M across the line or plane, and a multiple of one in it, to the band."""
-    n, dim = cable.model.n, len(cable.model.axes)
-    rows = np.arange(dim)[None, :, None]
-    columns = 4 * dim - 1 + dim * np.arange(-3, 4)[:, None, None] + np.arange(dim) - rows
-    band = cable.stiffness(moments=True).reshape(n, dim, -1)
-    blocks = np.einsum(
-        "ab,knbc->knac", free, np.einsum("knab,bc->knac", band[:, rows, columns], free)
-    )
-    inertia = rate**2 * cable.model.mass(0)
-    for k in range(4):
-        blocks[: n - k, 3 + k] += inertia[k, : n - k, None, None] * free
-        if k:
-            blocks[k:, 3 - k] += inertia[k, : n - k, None, None] * free
-    blocks[:, 3] += np.abs(blocks[:, 3]).max() * (np.eye(dim) - free)
-    band[:, rows, columns] = blocks
-
-
-def _holonomy(cable: Cable, scene: Scene, free: Array) -> tuple[Array, Array]:
-    """What a displacement across the plane twists (m, n) between neighbouring places that hold the
-    roll, and the compliance (m,) [rad/(N m)] of each such part of the cable with its springs.
-    """
-    model, nothing = cable.model, (np.zeros((0, cable.model.n)), np.zeros(0))
-    dim = len(model.axes)
-    if not model.has(BISHOP) or dim < 3 or abs(np.trace(free) - 1.0) > 0.5:
-        return nothing
-    greville, holding = bspline.greville(model.knots), model.holding
-    held = sorted(
-        (float((holding.points[row.point].values(model.n) * greville).sum()), 1.0 / row.stiffness)
-        for row in (*holding.rows, *holding.springs)
-        if holding.points[row.point].twist
-    )
-    if len(held) < 2:
-        return nothing
-    normal = free[:, np.argmax(np.diag(free))]
-    normal = normal / math.hypot(*normal)
-    ends = bspline.breaks(model.knots)
-    rise = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    u = (ends[:-1, None] + np.diff(ends)[:, None] * rise).ravel()
-    lengths = np.repeat(np.diff(ends) / SAMPLES, SAMPLES)
-    first, slopes = bspline.active_basis(model.knots, u, 1)
-    bends = bspline.active_basis(model.knots, u, 2)[1]
-    at = first[:, None] + np.arange(bspline.ACTIVE)
-    points = cable.x[:dim].T[at]
-    tangent, bend = (np.einsum("mk,mkd->md", one, points) for one in (slopes, bends))
-    bent = np.einsum("md,d->m", np.cross(tangent, bend), normal)
-    signed = bent / np.einsum("md,md->m", tangent, tangent) ** 1.5
-    weights = (lengths * signed)[:, None] * slopes
-    columns = np.zeros((len(held) - 1, model.n))
-    compliances = np.zeros(len(held) - 1)
-    for k, ((begin, soft), (end, softer)) in enumerate(zip(held[:-1], held[1:], strict=True)):
-        inside = (u > begin) & (u < end)
-        np.add.at(columns[k], at[inside], weights[inside])
-        compliances[k] = (end - begin) / scene.cable.GJ + soft + softer
-    return columns, compliances

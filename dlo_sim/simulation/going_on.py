@@ -11,7 +11,7 @@ import numpy as np
 from dlo_sim.engine.grasps import ACTIVE
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.simulation import obstacles
-from dlo_sim.simulation.buckling import look_due, release
+from dlo_sim.simulation.buckling import growth, look_due, release
 from dlo_sim.simulation.geometry import moved
 from dlo_sim.simulation.meshes import keep_triangles
 from dlo_sim.simulation.reaction import reaction
@@ -93,8 +93,8 @@ def load_ahead(sim: Running) -> None:
     """
     cable, state = sim.cable, sim.cable.state.copy()
     if look_due(cable):
-        release(cable, sim.scene)
-        cable.solve_held(np.zeros(len(cable.stiffness())))  # also if nothing presses it now
+        release(cable)
+        growth(cable, np.eye(len(sim.model.axes)))  # also if nothing presses it now
     cable.state[:] = state
     sim.cable.velocities(0.0)
     sim.cable.balance()

@@ -44,7 +44,7 @@ def look_for_buckling(sim: Running) -> None:
     if sim.steps % every == 0:
         every *= look_due(sim.cable)
         if every and sim.steps % every == 0:
-            free = release(sim.cable, sim.scene)
+            free = release(sim.cable)
             if free is not None and not side_taken(sim):
                 across, axes = np.zeros((3, 3)), list(sim.model.axes)
                 across[np.ix_(axes, axes)] = free
@@ -73,7 +73,7 @@ def look_back(sim: Running, recorder: Recorder, times: Array) -> dict[str, Array
 def look_at_start(sim: Running) -> None:
     """Note the directions in which the first shape leaves what mirrors it."""
     across = np.diag(mirrors(sim.scene))
-    if side_note(sim.cable, sim.scene, 0.0, across):
+    if side_note(sim.cable, 0.0, across):
         sim.noticed.fell = 0.0, across
 
 
@@ -137,7 +137,7 @@ def open_balance(sim: Running) -> str:
 
 def side_taken(sim: Running) -> str:
     """One line if the cable has left a line or plane to a side that the scene leaves open."""
-    return side_note(sim.cable, sim.scene, *sim.noticed.fell) if sim.noticed.fell else ""
+    return side_note(sim.cable, *sim.noticed.fell) if sim.noticed.fell else ""
 
 
 def unstable_in_plane(sim: Running) -> str:
@@ -149,7 +149,7 @@ def unstable_in_plane(sim: Running) -> str:
     scene = replace(sim.scene, terms=replace(sim.scene.terms, out_of_plane="on"))
     copy = Running.resumed(sim.snapshot())
     copy.activate(scene, needs_of(scene), sim.held_now)
-    return plane_warning(copy.cable, scene)
+    return plane_warning(copy.cable)
 
 
 def _bends_with(

@@ -681,7 +681,9 @@ class _Search:
         inertia = float(mass.multiply(model.mass(0), np.ones(model.n)).sum())
         fall = inertia * length / max(float((pull * ~model.held_mask()[:dim]).sum()), TINY)
         self.first, self.patient = 0.01 * fall, 100.0 * fall
-        guide = np.zeros(dim) if across is None else across * math.sqrt(GUIDED / fall)
+        guide = np.zeros((dim, dim))
+        if across is not None:
+            guide += GUIDED / fall * np.outer(across, across)
         begun, anchors = cable.padded(cable.x), cable.anchors.copy()
         self._given = guide, begun, anchors, length, twist, rolls
 

@@ -126,7 +126,7 @@ def test_growth_sideways_is_that_of_the_dynamics(values, torsion):
     sim = simulate(values | PUT)
     sim.start_from(flat.control_points)
     across = np.diag([0.0, 1.0, 0.0])
-    rate = buckling.growth(sim.cable, sim.scene, across)
+    rate = buckling.growth(sim.cable, across)
     points = sim.control_points
     points[:, 1] += 1e-7 * np.sin(np.pi * sim.greville) ** 2 * (1.0 + sim.greville)
     sim.start_from(points)
