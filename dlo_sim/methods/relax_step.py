@@ -126,15 +126,20 @@ def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
         for k in range(len(state.frame_turn) if rolls or not twist else 0):
             state.frame_turn[k] = 0.0
         if last <= converged * moved or last < exact:
+            clear(work.nudge)  # a step in time leaves the line of the twist zero
             return iteration, moved
+    clear(work.nudge)
     return 0, 0.0
 
 
 @kernel(boolean, *GIVEN, family=BETWEEN)
 def is_stable(address, pseudo, guide, begun, anchors, length, twist, rolls):
     """Whether the matrix of such a step at the present shape is positive."""
-    clear(cable_at(address).work.change)
-    return correct(address, pseudo, grid(guide), grid(begun), length, NO, twist, NO)
+    work = cable_at(address).work
+    clear(work.change)
+    stable = correct(address, pseudo, grid(guide), grid(begun), length, NO, twist, NO)
+    clear(work.nudge)
+    return stable
 
 
 @inline

@@ -237,7 +237,10 @@ def growth(cable: Cable, free: Array) -> float:
     given = guide, cable.padded(cable.x), cable.anchors, length, cable.model.has(BISHOP), False
 
     def grows(rate: float) -> bool:
-        return not cable.call(relax_step.is_stable, 1.0 / rate**2, *given)
+        state = cable.state.copy()
+        stable = cable.call(relax_step.is_stable, 1.0 / rate**2, *given)
+        cable.state[:] = state  # the frames that differences of forces have moved
+        return not stable
 
     rate = max(SLOWEST, math.sqrt(ROUNDING * largest))
     if not grows(rate):
