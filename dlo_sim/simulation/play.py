@@ -18,7 +18,7 @@ from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import WRONG, Report, Status, explained, newton_note
 from dlo_sim.simulation.running import Running
 from dlo_sim.simulation.soundness import sound_now
-from dlo_sim.simulation.stepper import CHUNK, Along
+from dlo_sim.simulation.stepper import AS_BEFORE, CHUNK, Along
 
 
 class Played(Protocol):
@@ -82,7 +82,7 @@ def play(
 
 
 def stretch(
-    sim: Running, steps: int, recorder: Recorder | None = None, along: Along | None = None
+    sim: Running, steps: int, recorder: Recorder | None = None, along: Along = AS_BEFORE
 ) -> Report:
     """Advance by whole steps between two stops of `play`. On failure the last good state is kept.
 
@@ -93,7 +93,7 @@ def stretch(
     while done < steps:
         most = min(CHUNK, steps - done, sim.steps_of_motions)
         piece = remarks.steps_until_look(sim, most)
-        ahead = None if along is None else along.part(done, piece)
+        ahead = along if along is AS_BEFORE else along.part(done, piece)
         status, made, used, worst = sim.stepper.advance(sim.steps, piece, recorder, ahead)
         sim.steps += made
         done, evaluations = done + made, evaluations + used

@@ -1,12 +1,11 @@
 """Steps a cable with the compiled loop of one method, and never shows a diverged state.
 
 A state with a large error of the energy balance is not shown: after a failed advance the last good
-state is restored, and where smaller steps may help, the failed step is repeated with them.
+state is restored.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 
 from dlo_sim.core.methods import IMPLICIT, RUNGE_KUTTA, SPLITTING, ZHAI, Method
 from dlo_sim.engine import arrays
-from dlo_sim.engine.account import DIVERGED_SHARE
 from dlo_sim.methods import implicit
 from dlo_sim.methods.advance import advance
 from dlo_sim.scene.description import Scene
@@ -26,8 +24,6 @@ Array = NDArray[np.float64]
 CHUNK = 4096  # steps of a long advance after which the state is kept in case of a failure
 GUARD_STEPS = 16  # explicit steps between two checks of the energy
 GROSS_SHARE = 1.0  # of the energy exchanged: states with a larger energy error are never shown
-SOUND_SHARE = 0.1  # of the energy exchanged: largest energy error from which steps are retried
-RETRIES = (2, 4, 8, 16, 32, 64)  # numbers of smaller steps that replace a failed one
 _STATUS = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)
 LOOK = 2e-3  # [s] between two looks for buckling at a straight cable at least
 _FAMILIES = {
@@ -56,7 +52,7 @@ class Along(NamedTuple):
         return Along(self.motions[piece], self.natural, self.turns[piece])
 
 
-_AS_BEFORE = Along(np.zeros((0, 0, 0)), np.zeros((0, 0, 0, 0)), np.zeros((0, 0)))
+AS_BEFORE = Along(np.zeros((0, 0, 0)), np.zeros((0, 0, 0, 0)), np.zeros((0, 0)))
 
 
 class Advance(NamedTuple):
@@ -88,7 +84,6 @@ class Stepper:
         self.look_every = max(1, round(LOOK / (step * self.check_every))) * self.check_every
         self._cable = cable
         self._constants = _constants_of(method, scene, self.check_every)
-        self._kept = np.empty_like(cable.state)  # not allocated in every advance
         self._unrecorded = Recorder(cable.model, np.zeros(0))
         if method.family != IMPLICIT:
             # What keeps spans from turning over is a hundred times as stiff as the cable, more than
@@ -100,111 +95,60 @@ class Stepper:
         return step % self.check_every == 0
 
     def advance(
-        self, first: int, steps: int, recorder: Recorder | None = None, along: Along | None = None
+        self,
+        first: int,
+        steps: int,
+        recorder: Recorder | None = None,
+        along: Along = AS_BEFORE,
     ) -> Advance:
-        """Advance by whole steps from step `first`; after a failure restore the last good state.
+        """Advance by whole steps from step `first`; after a failure keep the last good state.
+
+        Implicit methods check every step, and undo one that failed. Explicit ones check the energy
+        every few steps, so that some may have to be repeated from the beginning.
 
         Args:
-            along: of these steps; implicit methods only, which need no guard: they check the energy
-                themselves, and a failed step is undone.
+            along: of these steps; implicit methods only.
         """
         recorder = self._unrecorded if recorder is None else recorder
-        if along is not None:
-            done = self._called(first, steps, self.step, recorder, along)
+        if self.check_every == 1:
+            done = self._called(first, steps, recorder, along)
             return done if done.status.ok else done._replace(worst=self._worst_point(done.status))
-        if self._kept.size != self._cable.state.size:  # it has another model
-            self._kept = np.empty_like(self._cable.state)
-        self._kept[:] = self._cable.state
-        done = self.run(first, steps, recorder)
-        status = done.status
-        if status.ok and not self._sane(first + done.steps):
-            status = Status.DIVERGED
-        if status.ok:
+        kept = self._cable.state.copy()
+        done = self._called(first, steps, recorder, along)
+        if done.status.ok and self._sane(first + done.steps):
             return done
-        worst = self._worst_point(status)
-        made = self._redo(first, done.steps)
+        status = Status.DIVERGED if done.status.ok else done.status
+        worst, made = self._worst_point(status), self._redo(kept, first, done.steps)
         reached = (first + made + 1e-9) * self.step
         recorder.forget(int(np.searchsorted(recorder.times, reached, side="right")))
-        redone, used = self._retry(status, first + made, recorder)
-        if redone:
-            status, made = Status.OK, made + 1
-        return Advance(status, made, done.evaluations + used, worst)
+        return Advance(status, made, done.evaluations, worst)
 
-    def run(
-        self, first: int, steps: int, recorder: Recorder | None = None, finer: int = 1
-    ) -> Advance:
-        """Advance without looking at the result; a failed advance leaves the state as it is.
-
-        Every step is divided into `finer` smaller ones, which the result counts.
-        """
-        recorder = self._unrecorded if recorder is None else recorder
-        tau = self.step / finer
-        return self._called(first * finer, steps * finer, tau, recorder, _AS_BEFORE)
-
-    def _called(
-        self, first: int, steps: int, tau: float, recorder: Recorder, along: Along
-    ) -> Advance:
+    def _called(self, first: int, steps: int, recorder: Recorder, along: Along) -> Advance:
         cable, constants = self._cable, self._constants
         if recorder is not self._unrecorded:
             recorder.keep_obstacles(cable.obstacles)
         code = advance.code(cable.terms | constants.family)
-        given = cable.address, constants.address, first, steps, tau, recorder.address
+        given = cable.address, constants.address, first, steps, self.step, recorder.address
         status, done, evaluations = code(*given, *along)
         return Advance(_STATUS[status], done, evaluations)
 
     def _sane(self, step: int) -> bool:
-        """Whether the state may be shown; explicit loops check the energy only every few steps."""
-        if self.checked(step):
-            return True
-        share = self._cable.share_open()
-        if share > DIVERGED_SHARE:
-            # Right after an impact little energy has been exchanged, and near the stability limit
-            # the error of a stable method exceeds half of it for a few steps. Unlike the error of a
-            # diverging run, it does not keep growing.
-            return share <= GROSS_SHARE and self._passes_next_check(step)
-        return not math.isnan(share)
+        """Whether the state may be shown: between two checks, too, when a stable method may err by
+        more than a diverged one right after an impact, before much energy has been exchanged.
+        """
+        return self.checked(step) or self._cable.share_open() <= GROSS_SHARE
 
-    def _passes_next_check(self, step: int) -> bool:
-        """Whether the loop passes its next check of the energy; the state is left unchanged."""
-        now = self._cable.state.copy()
-        done = self.run(step, GUARD_STEPS - step % GUARD_STEPS)
-        self._cable.state[:] = now
-        return done.status.ok
-
-    def _redo(self, first: int, made: int) -> int:
-        """Undo a failed advance and repeat it up to its last good state; returns its steps."""
+    def _redo(self, kept: Array, first: int, made: int) -> int:
+        """Repeat a failed advance up to its last good state; returns its steps."""
         last_check = first + made - (first + made) % self.check_every
         for good in (made, last_check - first):
-            self._cable.state[:] = self._kept
+            self._cable.state[:] = kept
             if good > 0:
-                self.run(first, good)
+                self._called(first, good, self._unrecorded, AS_BEFORE)
                 if self._sane(first + good):
                     return good
-        self._cable.state[:] = self._kept
+        self._cable.state[:] = kept
         return 0
-
-    def _retry(self, status: Status, step: int, recorder: Recorder) -> tuple[bool, int]:
-        """Repeat one step as smaller ones where that may help.
-
-        It does not help an explicit method that diverged, since its energy has grown for many
-        steps, or an implicit one that did not converge, which has already halved the step.
-
-        Returns:
-            Whether it succeeded, and the force evaluations or Newton iterations used.
-        """
-        helps = status is Status.DIVERGED and self.method.family == IMPLICIT
-        if not helps or self._cable.share_open() > SOUND_SHARE:
-            return False, 0
-        self._kept[:] = self._cable.state
-        sample, evaluations = recorder.count, 0
-        for finer in RETRIES:
-            done = self.run(step, 1, recorder, finer)
-            evaluations += done.evaluations
-            if done.status.ok and self._sane(step + 1):
-                return True, evaluations
-            self._cable.state[:] = self._kept
-            recorder.forget(sample)
-        return False, evaluations
 
     def _worst_point(self, status: Status) -> int:
         """Control point with the largest unbalanced force, or the fastest one, of a failed step."""
