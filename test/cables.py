@@ -135,7 +135,7 @@ class Bench:
         self.pull_to(0.0)
         self.cable.point_grasps(0.0)
         if self.model.has(CURVED) and any(self.scene.cable.rest_curvature):
-            natural = natural_rows(self.scene, self.model, np.array([1.0, 0.0, 0.0]))
+            natural = natural_rows(self.model, np.array([1.0, 0.0, 0.0]))
             rows = weighted(self.model, natural)
             rows = turned_rows(rows, local_turn(np.eye(3), self.model.axes))
             self.cable.natural = rows

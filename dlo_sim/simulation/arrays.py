@@ -9,6 +9,7 @@ from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core.bspline import DEGREE
 from dlo_sim.engine import arrays
 from dlo_sim.engine.arrays import MARGIN, PADDING
+from dlo_sim.simulation.holding import Holding
 
 Array = NDArray[np.float64]
 # Pairs of segments that touch each other, for every segment, and of spans, for every span.
@@ -24,12 +25,7 @@ def sizes_of(
     twist: bool,
     n: int,
     samples: int,
-    points: int,
-    rigid: int,
-    border: int,
-    springs: int,
-    joints: int,
-    slides: int,
+    holding: Holding,
     grasps: int,
     loads: int,
     obstacles: int,
@@ -40,10 +36,9 @@ def sizes_of(
     """Sizes of all dimensions that `engine.arrays` names.
 
     Args:
-        terms: bits of the active terms. rigid: rows, of which `border` between control points;
-            springs: other rows, of which `joints` between two branches. pieces: groups of samples
-            of a span that touch bodies, 0 without obstacles. segments: of a span, that touch each
-            other, or 0. field_values: of meshes that are obstacles.
+        terms: bits of the active terms. pieces: groups of samples of a span that touch bodies, 0
+            without obstacles. segments: of a span, that touch each other, or 0. field_values: of
+            meshes that are obstacles.
     """
     lines, unknowns = dim + twist, n * dim
     spans = n - DEGREE
@@ -61,14 +56,14 @@ def sizes_of(
         "blocks": blocks,
         "samples": samples,
         "columns": columns,
-        "points": points,
-        "rows": rigid + springs,
-        "rigid": rigid,
-        "border": border,
-        "springs": springs,
-        "joints": joints,
-        "slides": slides,
-        "bordered": border + joints,
+        "points": len(holding.points),
+        "rows": len(holding.rows) + len(holding.springs),
+        "rigid": len(holding.rows),
+        "border": holding.border,
+        "springs": len(holding.springs),
+        "joints": holding.joints,
+        "slides": len(holding.slides),
+        "bordered": holding.border + holding.joints,
         "grasps": grasps,
         "loads": loads,
         "obstacles": obstacles,

@@ -30,7 +30,6 @@ from dlo_sim.engine.grasps import ACTIVE, POSITION, START
 from dlo_sim.engine.natural_curvature import follow_to_present
 from dlo_sim.engine.plasticity import flow_to_present
 from dlo_sim.methods import between_steps
-from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.arrays import from_blocks, resampled, to_blocks, without_margins
 from dlo_sim.simulation.model import Model
 
@@ -485,16 +484,14 @@ class Cable:
 
     # -- account --------------------------------------------------------------------------------
 
-    def open_account(
-        self, scene: Scene, before: Cable | None = None, released: Sequence[float] = ()
-    ) -> None:
+    def open_account(self, before: Cable | None = None, released: Sequence[float] = ()) -> None:
         """Open the energy account at the present state.
 
         Args:
             before: the cable from whose state this one goes on; default: from none.
             released: material coordinates [m] at which grasps held that cable, but not this one.
         """
-        cable, state = scene.cable, self.arrays.state
+        cable, state = self.model.scene.cable, self.arrays.state
         numbers_of(state.balance)[:] = 0.0
         state.balance.decaying = float(np.asarray(state.overlap).any())
         state.energy[:] = state.energy_begin[:] = 0.0

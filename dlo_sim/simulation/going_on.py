@@ -62,7 +62,7 @@ def take_over(sim: Running, other: Running) -> None:
     now, before = (
         {one.u for one in each.held_now.values() if one.u is not None} for each in (sim, other)
     )
-    sim.cable.open_account(sim.scene, other.cable, sorted(before - now))
+    sim.cable.open_account(other.cable, sorted(before - now))
     sim.initial = sim.snapshot()
 
 

@@ -308,19 +308,12 @@ class Contact(NamedTuple):
         return float(np.linalg.norm(self.forces, axis=1).sum())
 
 
-def contact_with(
-    cable: Cable,
-    number: int,
-    obstacle: Obstacle,
-    pose: tuple[Array, Array] | None,
-    tension: Callable[[Array], Array] | None,
-) -> Contact:
+def contact_with(cable: Cable, number: int, tension: Callable[[Array], Array] | None) -> Contact:
     """What of a cable touches an obstacle at the present configuration. Forces are
     those of pressure and bristles, with the mean force of the impulses in the last step.
 
     Args:
-        number: of the obstacle. pose: position [m] and quaternion of it, world frame, needed of
-            rings and channels (GUIDES). tension: [N] at material coordinates [m]; None = not known.
+        number: of the obstacle. tension: [N] at material coordinates [m]; None = not known.
     """
     model = cable.model
     u, weights, found, _ = _samples(cable, number)
@@ -338,7 +331,7 @@ def contact_with(
         u=u[touches],
         points=points,
         forces=forces,
-        passes=passes(cable, obstacle, pose) if pose else np.zeros(0),
+        passes=passes(cable, number),
         tensions=tensions_beside(model.knots, u[touches], tension),
         deepest=float(cable.arrays.state.deepest[number]),
         stiffness=float(cable.arrays.contact.law[number, contact.STIFFNESS]),
@@ -403,10 +396,11 @@ def let_overlap(cable: Cable, number: int, kept: Pressure, let_be: float = 0.0) 
     return float((now - before).max())
 
 
-def tension_along(scene: Scene, cable: Cable) -> Callable[[Array], Array] | None:
+def tension_along(cable: Cable) -> Callable[[Array], Array] | None:
     """Tension [N] of a cable by material coordinates [m], linear between the middles of its knot
     spans; None if its shape does not determine it.
     """
+    scene = cable.model.scene
     if scene.without_tension:
         return None
     ends = bspline.breaks(cable.model.knots)
@@ -424,17 +418,18 @@ def tensions_beside(knots: Array, u: Array, tension: Callable[[Array], Array] | 
     return tension(np.clip([u.min() - away, u.max() + away], 0.0, knots[-1]))
 
 
-def passes(cable: Cable, obstacle: Obstacle, pose: tuple[Array, Array]) -> Array:
-    """`Contact.passes` of an obstacle at a pose."""
+def passes(cable: Cable, number: int) -> Array:
+    """`Contact.passes` of an obstacle where it is now."""
+    model, obstacle = cable.model, cable.model.scene.bodies[number]
     if obstacle.shape not in GUIDES:
         return np.zeros(0)
-    model, opening = cable.model, 0.5 * obstacle.size[0]
-    turn = rotations.to_matrix(pose[1])
+    opening, pose = 0.5 * obstacle.size[0], cable.arrays.state.pose[number]
+    axes = [*model.axes, *({0, 1, 2} - {*model.axes})]  # as the pose has them (`contact.set_pose`)
+    points = (cable.points[:, :3] - model.rest)[:, axes] - pose[9:12]
 
     def place(u: Array) -> Array:
         """Points of the cable in the frame of the obstacle."""
-        line = bspline.evaluate(cable.points[:, :3], model.knots, u)
-        return (line + model.origin - pose[0]) @ turn
+        return bspline.evaluate(points, model.knots, u) @ pose[:9].reshape(3, 3)
 
     u = np.linspace(0.0, model.knots[-1], PASSES * (model.n - bspline.DEGREE) + 1)
     z = place(u)[:, 2]

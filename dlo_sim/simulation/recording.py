@@ -164,7 +164,6 @@ def record_simulator(
             initial state.
     """
     began = time.perf_counter() if began is None else began
-    scene = simulator.scene
     estimate = ErrorEstimate(simulator) if with_estimate else None
     compile_s = time.perf_counter() - began
     recorder = Recorder(simulator.model, sample_times(duration, every))
@@ -174,7 +173,7 @@ def record_simulator(
     report = judged(play(simulator, watch.total, recorder, watchers=watchers), recorder)
     wall_s, error_found = watch.wall, None if estimate is None else estimate.largest
     count, control_points = recorder.count, recorder.control_points
-    shapes = recorder.along(scene)
+    shapes = recorder.along()
     error = simulator.energy_error
     drawn = look_back(simulator, recorder, recorder.times[:count])
     return Recording(

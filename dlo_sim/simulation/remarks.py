@@ -55,7 +55,7 @@ def look_at_itself(sim: Running) -> None:
     """Look whether the cable passes through itself, where it does not touch itself."""
     if "self_contact" not in sim.needs:
         x = sim.cable.x[: len(sim.model.axes)]
-        sim.noticed.watch.look(sim.model, x, sim.scene.cable.diameter, sim.time)
+        sim.noticed.watch.look(sim.model, x, sim.time)
 
 
 def look_back(sim: Running, recorder: Recorder, times: Array) -> dict[str, Array]:
@@ -65,9 +65,9 @@ def look_back(sim: Running, recorder: Recorder, times: Array) -> dict[str, Array
     if "self_contact" not in sim.needs:
         sim.noticed.watch.reset()
         for time, x in zip(times.tolist(), recorder.control_points, strict=False):
-            sim.noticed.watch.look(sim.model, x[:, :3].T, sim.scene.cable.diameter, time)
+            sim.noticed.watch.look(sim.model, x[:, :3].T, time)
     keep = partial(_keep_bends, sim)
-    return drawn_obstacles(sim.scene, sim.cable, recorder, keep)
+    return drawn_obstacles(sim.cable, recorder, keep)
 
 
 def look_at_start(sim: Running) -> None:
@@ -108,7 +108,7 @@ def warnings(sim: Running, found: Mapping[str, obstacles.Contact]) -> tuple[str,
         *pressed.values(),
         *(one.warning(name, finer) for name, one in bends.items() if not pressed.get(name)),
         sim.noticed.watch.warning,
-        *self_contact.warnings(scene, cable, itself, finer),
+        *self_contact.warnings(cable, itself, finer),
     )
     return (*sim.needs.warnings, *filter(None, lines))
 
@@ -156,7 +156,7 @@ def _bends_with(
     sim: Running, cable: Cable, found: Mapping[str, obstacles.Contact]
 ) -> dict[str, Shortfall]:
     """Bends that the knot spans cannot follow where contacts are known, and those kept."""
-    now = shortfalls(sim.scene, cable.model, cable.points, found)
+    now = shortfalls(cable.model, cable.points, found)
     return sim.noticed.bends | {
         name: max(sim.noticed.bends.get(name, one), one) for name, one in now.items()
     }

@@ -237,15 +237,14 @@ def raised(scene: Scene, number: int, implicit: bool) -> str:
     return cure
 
 
-def shortfalls(
-    scene: Scene, model: Model, points: Array, found: Mapping[str, Contact]
-) -> dict[str, Shortfall]:
+def shortfalls(model: Model, points: Array, found: Mapping[str, Contact]) -> dict[str, Shortfall]:
     """Bends of a cable round what it touches that its knot spans cannot follow, by the names of the
     obstacles, ITSELF included.
 
     Args:
         points: control points [m], shape (n, 3 or 4). found: what touches, by the same names.
     """
+    scene = model.scene
     bodies, bends = {one.name: one for one in scene.bodies if one.shape != "plane"}, {}
     breaks = bspline.breaks(model.knots)
     spans, bending = np.diff(breaks), scene.cable.EI * (scene.terms.bend != "off")

@@ -346,14 +346,7 @@ class Running:
     @property
     def contacts(self) -> dict[str, obstacles.Contact]:
         """`contact` of all obstacles by name, and of the cable with itself under ITSELF."""
-        touching = self.scene.bodies if "contact" in self.needs else ()
-        found = {obstacle.name: self.contact(obstacle.name) for obstacle in touching}
-        if "self_contact" in self.needs:
-            tension = obstacles.tension_along(self.scene, self.cable)
-            found[obstacles.ITSELF] = self_contact.contact_with_itself(
-                self.cable, self.scene.cable.diameter, tension
-            )
-        return found
+        return self_contact.contacts_of(self.cable)
 
     def contact(self, name: str) -> obstacles.Contact:
         """What of the cable touches an obstacle now.
@@ -361,12 +354,8 @@ class Running:
         Raises:
             TypeError, ValueError: no obstacle that the cable can touch.
         """
-        self.body(name)
-        number = [o.name for o in self.scene.bodies].index(name)
-        tension = obstacles.tension_along(self.scene, self.cable)
-        body = self.scene.bodies[number]
-        pose = self.end_pose(name) if body.shape in obstacles.GUIDES else None
-        return obstacles.contact_with(self.cable, number, body, pose, tension)
+        number = self.touchable.index(arguments.one_of("obstacle", name, self.touchable))
+        return obstacles.contact_with(self.cable, number, obstacles.tension_along(self.cable))
 
     @property
     def touchable(self) -> tuple[str, ...]:
@@ -509,7 +498,7 @@ class Running:
     def step_by(self, choice: Choice) -> None:
         """Use this method and step from now on."""
         self.choice = choice
-        self.stepper = Stepper(self.scene, self.cable, choice.method, choice.step)
+        self.stepper = Stepper(self.cable, choice.method, choice.step)
 
     def reset(self) -> None:
         """Go back to the initial state."""
@@ -532,7 +521,7 @@ class Running:
             self.lay_natural_shape()
         shifted = np.abs(self.cable.points - given).max()
         self.give_way(let_be=math.inf)
-        self.cable.open_account(self.scene)
+        self.cable.open_account()
         if not math.isfinite(self.cable.account.energy_start):
             self.restore(before)
             raise ValueError("control points: have no finite energy; neighbours must not coincide")
@@ -612,8 +601,7 @@ class Running:
         self.ends.pull_springs(self.cable, self.time)
         self.cable.point_grasps(self.time if self.steps else 0.0)
         self.cable.place_obstacles(self.time)
-        tangent = self.geometries["start"].tangent
-        self.natural = NaturalShape(self.scene, self.cable, tangent, self.start_orientation)
+        self.natural = NaturalShape(self.cable, self.start_orientation)
 
     def turn_natural_shape(self) -> None:
         """Turn the natural shape with the start's end effector, which does the work."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
-from dlo_sim.engine.arrays import SELF, CableArrays
+from dlo_sim.engine.arrays import CONTACT, SELF, CableArrays
 from dlo_sim.engine.contact import RETURN
 from dlo_sim.engine.self_contact import LONGEST
 from dlo_sim.scene.description import EARTH, Scene
@@ -19,7 +19,14 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.obstacles import Contact, tensions_beside, values_of_spans
+from dlo_sim.simulation.obstacles import (
+    ITSELF,
+    Contact,
+    contact_with,
+    tension_along,
+    tensions_beside,
+    values_of_spans,
+)
 
 Array = NDArray[np.float64]
 SEGMENT = 0.5  # length of a segment in diameters, of the longest span
@@ -128,11 +135,12 @@ def _spans(knots: bytes, apart: float) -> _Spans:
 _POWERS = _XI[:, None] ** np.arange(bspline.ACTIVE)
 
 
-def nearest(model: Model, points: Array, diameter: float, limit: float = math.inf) -> Nearest:
+def nearest(model: Model, points: Array, limit: float = math.inf) -> Nearest:
     """Where a cable at control points (n, 3 or 4) is nearest to itself, to a hundredth of its
     diameter, but for neighbouring places and those with a nearly straight cable between them;
     infinitely far if there are no others, or if all clearances exceed `limit`.
     """
+    diameter = model.scene.cable.diameter
     apart = APART * diameter
     spans = _spans(model.knots.tobytes(), apart)
     ends, nowhere = spans.ends, (0.0, float(spans.ends[-1, 1]))
@@ -221,7 +229,7 @@ class Watch:
         self._seen, self._room = np.zeros((0, 0)), 0.0  # control points of a look, and its `room`
         self.least = Nearest(math.inf, (0.0, 0.0))
 
-    def look(self, model: Model, x: Array, diameter: float, time: float) -> None:
+    def look(self, model: Model, x: Array, time: float) -> None:
         """Look at control points, a line of shape (n,) by axis of the motion, if it is time to."""
         if time < self.since + EVERY:
             return
@@ -231,7 +239,9 @@ class Watch:
             return
         points = np.zeros((model.n, 3))
         points[:, : len(x)] = x.T
-        found = nearest(model, points, diameter, limit=diameter)  # so that `room` is not tiny
+        found = nearest(
+            model, points, limit=model.scene.cable.diameter
+        )  # so that `room` is not tiny
         self._seen, self._room = x.copy(), found.room
         if found.clearance < 0.0:
             self.first = self.first if self.close else time
@@ -252,7 +262,7 @@ class Watch:
         )
 
 
-def warnings(scene: Scene, cable: Cable, found: Contact | None, finer: str) -> Iterator[str]:
+def warnings(cable: Cable, found: Contact | None, finer: str) -> Iterator[str]:
     """Lines about what the contact of a cable with itself cannot bear.
 
     Args:
@@ -261,7 +271,7 @@ def warnings(scene: Scene, cable: Cable, found: Contact | None, finer: str) -> I
     """
     if found is None:
         return
-    account, diameter = cable.account, scene.cable.diameter
+    account, diameter = cable.account, cable.model.scene.cable.diameter
     lines = []
     if account.crossed:
         lines.append(f"it passed through itself in {account.crossed:.0f} steps")
@@ -271,7 +281,7 @@ def warnings(scene: Scene, cable: Cable, found: Contact | None, finer: str) -> I
         yield f"contact.self: {' and '.join(lines)}; use a smaller integrator.step"
     segment = float(cable.arrays.chain.length.max())
     if segment > LONGEST * diameter:
-        spans = (scene.discretization.control_points - bspline.DEGREE) * segment
+        spans = (cable.model.n - bspline.DEGREE) * segment
         needed = math.ceil(spans / (LONGEST * diameter)) + bspline.DEGREE
         yield (
             f"contact.self: its segments of {segment:.2g} m are coarse for a diameter of "
@@ -295,7 +305,7 @@ def warnings(scene: Scene, cable: Cable, found: Contact | None, finer: str) -> I
         )
 
 
-def check_start(scene: Scene, cable: Cable, held: Sequence[float]) -> None:
+def check_start(cable: Cable, held: Sequence[float]) -> None:
     """Refuse a cable that begins inside itself where it is held, and so cannot be pushed out.
 
     Args:
@@ -304,10 +314,10 @@ def check_start(scene: Scene, cable: Cable, held: Sequence[float]) -> None:
     Raises:
         SceneError: naming the key and the cure.
     """
-    diameter = scene.cable.diameter
+    diameter = cable.model.scene.cable.diameter
     if not (cable.model.has(SELF) and len(held)):
         return
-    found = nearest(cable.model, cable.points, diameter)
+    found = nearest(cable.model, cable.points)
     away = max(float(np.abs(np.array(held) - u).min()) for u in found.u)
     if found.clearance < -DEEP * diameter and away < APART * diameter:
         raise SceneError(
@@ -317,9 +327,17 @@ def check_start(scene: Scene, cable: Cable, held: Sequence[float]) -> None:
         )
 
 
-def contact_with_itself(
-    cable: Cable, diameter: float, tension: Callable[[Array], Array] | None
-) -> Contact:
+def contacts_of(cable: Cable) -> dict[str, Contact]:
+    """What of a cable touches now: each obstacle by name, and itself under ITSELF, with which it
+    may be in contact.
+    """
+    model, tension = cable.model, tension_along(cable)
+    bodies = model.scene.bodies if model.has(CONTACT) else ()
+    found = {one.name: contact_with(cable, k, tension) for k, one in enumerate(bodies)}
+    return found | ({ITSELF: _with_itself(cable, tension)} if model.has(SELF) else {})
+
+
+def _with_itself(cable: Cable, tension: Callable[[Array], Array] | None) -> Contact:
     """Where a cable touches itself at the present configuration, each place on the first of the two
     strands. `force` is half the sum of the sizes of all forces, in no direction: those on both
     strands cancel. The friction is that of the bristles, without their damping. tension: as for
@@ -332,7 +350,7 @@ def contact_with_itself(
     points = bspline.evaluate(cable.points[:, :3], model.knots, u) + model.origin
     sizes = np.linalg.norm(forces, axis=1)
     return Contact(
-        clearance=nearest(model, cable.points, diameter).clearance,
+        clearance=nearest(model, cable.points).clearance,
         force=np.zeros(3),
         pressure=float((sizes / np.maximum(rows[:, 1], 1e-300)).max(initial=0.0)),
         u=u,

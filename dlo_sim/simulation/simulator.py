@@ -100,11 +100,11 @@ class Simulator(Running):
         self.cable.place_obstacles(0.0)
         lay = self.lay_unslipped if self.natural.follows else None
         shape = self.cable.shape_of(near.cable, near.time)[0] if near else None
-        first = FirstShape(scene, self.geometries, self.ends, self.cable, lay)
+        first = FirstShape(self.ends, self.cable, lay)
         resting = first.place(shape, before is not None)
         if not before:
             places = [one.u for one in self.geometries.values() if one.u is not None]
-            self_contact.check_start(scene, self.cable, places)
+            self_contact.check_start(self.cable, places)
         frequency = 0.0 if is_implicit(scene) else largest_frequency(scene, self.cable)
         choice = choose(scene, frequency, unchecked_step)
         self.step_by(replace(choice, resolution=resolution))
@@ -112,7 +112,7 @@ class Simulator(Running):
             remarks.look_at_start(self)
         if not resting:
             self.give_way(let_be=LIGHT * scene.cable.mu * EARTH)
-        self.cable.open_account(self.scene)
+        self.cable.open_account()
         started = time.perf_counter()
         self.stepper.advance(0, 0)  # no tick must have to compile this or the next line
         sound_now(self.cable, self.ends, 0.0)
@@ -168,8 +168,7 @@ class Simulator(Running):
         """Smallest gap [m] between strands of the cable, negative where they overlap; infinite if
         it is nearly straight.
         """
-        found = self_contact.nearest(self.model, self.cable.points, self.scene.cable.diameter)
-        return found.clearance
+        return self_contact.nearest(self.model, self.cable.points).clearance
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -341,7 +340,7 @@ class Simulator(Running):
         samples, now = shape_times(times, every), self.time
         at = np.minimum(now + samples, now + times[-1])
         report, recorder = future.record_along(now + times, poses, at)
-        count, shapes = recorder.count, recorder.along(self.scene)
+        count, shapes = recorder.count, recorder.along()
         drawn = remarks.look_back(future, recorder, samples[:count])
         points = recorder.control_points
         told = future.warnings, future.control_points_needed

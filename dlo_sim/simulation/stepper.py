@@ -15,7 +15,6 @@ from dlo_sim.core.methods import IMPLICIT, RUNGE_KUTTA, SPLITTING, ZHAI, Method
 from dlo_sim.engine import arrays
 from dlo_sim.methods import implicit
 from dlo_sim.methods.advance import advance
-from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Status
@@ -78,12 +77,13 @@ class Stepper:
             two looks for buckling, a multiple of it.
     """
 
-    def __init__(self, scene: Scene, cable: Cable, method: Method, step: float) -> None:
+    def __init__(self, cable: Cable, method: Method, step: float) -> None:
         self.method, self.step = method, step
         self.check_every = 1 if method.family == IMPLICIT else GUARD_STEPS
         self.look_every = max(1, round(LOOK / (step * self.check_every))) * self.check_every
         self._cable = cable
-        self._constants = _constants_of(method, scene, self.check_every)
+        tolerance = cable.model.scene.integrator.tolerance
+        self._constants = _constants_of(method, tolerance, self.check_every)
         self._unrecorded = Recorder(cable.model, np.zeros(0))
         if method.family != IMPLICIT:
             # What keeps spans from turning over is a hundred times as stiff as the cable, more than
@@ -158,7 +158,7 @@ class Stepper:
         return int(np.argmax(np.nan_to_num(size, nan=np.inf)))
 
 
-def _constants_of(method: Method, scene: Scene, check_every: int) -> arrays.Method:
+def _constants_of(method: Method, tolerance: float, check_every: int) -> arrays.Method:
     """The numbers of a method for the compiled loop."""
     stages = max(len(method.drift_weights), len(method.stage_weights), len(method.substeps))
     out = arrays.Method({"stages": stages})
@@ -170,6 +170,6 @@ def _constants_of(method: Method, scene: Scene, check_every: int) -> arrays.Meth
     out.nodes[:] = out.matrix.sum(axis=1)
     out.weights[: len(method.stage_weights)] = method.stage_weights
     out.substeps[: len(method.substeps)] = method.substeps
-    out.conserves_energy, out.tolerance = method.conserves_energy, scene.integrator.tolerance
+    out.conserves_energy, out.tolerance = method.conserves_energy, tolerance
     out.halvings = implicit.MAX_HALVINGS
     return out

@@ -468,7 +468,7 @@ def right_at_rest(run: Run) -> str:
         depth = -float(gaps(body, diameter, line).min()) / diameter
         if depth > DEEPEST:
             return f"{depth:.2g} diameters in {body.name}"
-    near = nearest(sim.model, cable.points, diameter) if scene.bodies else None
+    near = nearest(sim.model, cable.points) if scene.bodies else None
     return "crosses itself" if near and near.clearance < -DEEPEST * diameter else ""
 
 
