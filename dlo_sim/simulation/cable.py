@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from copy import copy
 from typing import Any
 
@@ -255,11 +256,6 @@ class Cable:
     def account(self) -> Any:
         """Numbers of the energy account (`engine.arrays.State.balance`)."""
         return self.arrays.state.balance
-
-    @property
-    def directions(self) -> Array:
-        """Directions of the constraint rows, a view of shape (rows, dim)."""
-        return self.arrays.state.direction[:, : len(self.model.axes)]
 
     @property
     def natural(self) -> Array:
@@ -538,6 +534,14 @@ class Cable:
         if self.account.is_counted:
             self.call(between_steps.settle, t)
 
+    @contextmanager
+    def working(self, t: float) -> Iterator[None]:
+        """What is done at time t changes the energy by work of the end effectors and obstacles."""
+        self.settle(t)
+        before = self.present_energy()
+        yield
+        self.account.drive_work += self.present_energy() - before
+
     def present_energy(self) -> float:
         """Kinetic energy of w and potential energy [J]."""
         return self.kinetic() + float(self.potentials().sum())
@@ -622,11 +626,6 @@ class Cable:
         lines = self.padded(force)
         self.call(between_steps.free_acceleration, lines, keep)
         return self.shown(lines)
-
-    @property
-    def shifts(self) -> Array:
-        """M^-1 b for the basis values b of every held point, a view of shape (points, n)."""
-        return self.shown(self.arrays.points.shift)
 
     def jump(self, t: float, put: Callable[[Array], None]) -> None:
         """Move the held points instantly to their places at time t.

@@ -12,6 +12,7 @@ from dlo_sim.engine.grasps import ACTIVE
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.simulation import obstacles
 from dlo_sim.simulation.buckling import growth, look_due, release
+from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.geometry import moved
 from dlo_sim.simulation.meshes import keep_triangles
 from dlo_sim.simulation.reaction import reaction
@@ -83,7 +84,7 @@ def _take_over_grasps(sim: Running, other: Running) -> list[str]:
             slipped_out = before.u is None and other.scene.grasp(name).taken
             taking += [name] * (grasp.taken and not slipped_out)
     if sim.scene.grasps:
-        sim.activate(sim.scene, sim.needs, held)
+        sim.activate(build_model(sim.scene, sim.needs, held, sim.origin))
     return taking
 
 

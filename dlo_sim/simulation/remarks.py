@@ -13,6 +13,7 @@ from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.scene.needs import mirrors, needs_of
 from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.buckling import look_due, plane_warning, release, side_note
+from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.drawn_obstacles import drawn_obstacles
 from dlo_sim.simulation.recorder import Recorder
@@ -148,7 +149,7 @@ def unstable_in_plane(sim: Running) -> str:
         return ""
     scene = replace(sim.scene, terms=replace(sim.scene.terms, out_of_plane="on"))
     copy = Running.resumed(sim.snapshot())
-    copy.activate(scene, needs_of(scene), sim.held_now)
+    copy.activate(build_model(scene, needs_of(scene), sim.held_now, sim.origin))
     return plane_warning(copy.cable)
 
 

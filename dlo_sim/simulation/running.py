@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -29,7 +29,6 @@ from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.curve import Curve
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import Geometries, Geometry
-from dlo_sim.simulation.holding import holding_of
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.natural_shape import NaturalShape
 from dlo_sim.simulation.report import Energy, UndefinedTorsion
@@ -321,27 +320,22 @@ class Running:
             )
         if not scene.touches and added:
             raise ValueError("obstacles: terms.contact is off; set it to auto")
-        obstacles.fields_of(scene)  # refuses a mesh while nothing is changed
-        self.cable.settle(self.time)
-        before, kept = self.cable.present_energy(), self.pressures
         needs = self.needs.with_contact(bool(scene.bodies) and scene.touches)
         if added and len(needs.axes) == 2:
             if scene.terms.out_of_plane != "off":  # what touches does not hang taut
                 needs = needs_of(scene)
-            elif self.pushed_across(added):
-                needs = needs.in_plane(scene)
-        for one in known ^ set(scene.bodies):
-            self.ends.queue.by_name.pop(one.name, None)
-        self.activate(scene, needs, self.geometries)
-        new = (one.name for one in set(scene.bodies) - known)
-        self.give_way({name: kept.get(name, obstacles.UNTOUCHED) for name in new})
-        self.cable.account.drive_work += self.cable.present_energy() - before
-
-    def pushed_across(self, added: Iterable[Obstacle]) -> bool:
-        """Whether obstacles push the cable out of its plane."""
-        place = self.geometries["start"].attachment + self.origin
-        missing = {0, 1, 2} - set(self.model.axes)
-        return any(one.pushes_along(k, float(place[k])) for k in missing for one in added)
+            else:  # out of its plane?
+                place = (self.geometries["start"].attachment + self.origin).tolist()
+                missing = {0, 1, 2} - set(self.model.axes)
+                if any(one.pushes_along(k, place[k]) for k in missing for one in added):
+                    needs = needs.in_plane(scene)
+        model, kept = build_model(scene, needs, self.geometries, self.origin), self.pressures
+        with self.cable.working(self.time):
+            for one in known ^ set(scene.bodies):
+                self.ends.queue.by_name.pop(one.name, None)
+            self.activate(model)
+            new = (one.name for one in set(scene.bodies) - known)
+            self.give_way({name: kept.get(name, obstacles.UNTOUCHED) for name in new})
 
     @property
     def contacts(self) -> dict[str, obstacles.Contact]:
@@ -426,28 +420,24 @@ class Running:
 
     def hold(self, grasp: str, geometry: Geometry) -> None:
         """Hold the cable as a grasp does from now on; what that changes in energy is its work."""
-        geometries = self.held_with(grasp, geometry)
-        self.cable.settle(self.time)
-        before, held = self.cable.present_energy(), self.held_now[grasp].u
-        self.ends.hold(grasp, geometry)
-        if geometry.u is not None:
-            angle = self.curve.twist_at(geometry.u, self.cable.points)
-            self.ends.count_from(grasp, self.time, angle)
-        self.activate(self.scene, self.needs, geometries)
-        if geometry.u is None:
-            self.cable.part_strands(held)
-        self.cable.account.drive_work += self.cable.present_energy() - before
+        model, held = self.model_held(grasp, geometry), self.held_now[grasp].u
+        with self.cable.working(self.time):
+            self.ends.hold(grasp, geometry)
+            if geometry.u is not None:
+                angle = self.curve.twist_at(geometry.u, self.cable.points)
+                self.ends.count_from(grasp, self.time, angle)
+            self.activate(model)
+            if geometry.u is None:
+                self.cable.part_strands(held)
 
-    def held_with(self, grasp: str, geometry: Geometry) -> Geometries:
-        """All that holds the cable, with a grasp like this.
+    def model_held(self, grasp: str, geometry: Geometry) -> Model:
+        """The constants with a grasp that holds the cable like this.
 
         Raises:
             SceneError: it holds what is held already.
         """
-        geometries = {**self.held_now, grasp: geometry}
-        model = self.model
-        holding_of(self.scene, geometries, model.knots, model.axes, model.twist)
-        return geometries
+        held = {**self.held_now, grasp: geometry}
+        return build_model(self.scene, self.needs, held, self.origin)
 
     def held_at(self, grasp: str) -> float | None:
         """Material coordinate [m] at which a grasp holds the cable now; None: it does not.
@@ -577,14 +567,14 @@ class Running:
 
     # -- model ------------------------------------------------------------------------------------
 
-    def activate(self, scene: Scene, needs: Needs, geometries: Geometries) -> None:
-        """Go on with other needs, grasps or added obstacles from the present state."""
+    def activate(self, model: Model) -> None:
+        """Go on with other terms, grasps or added obstacles from the present state."""
         cable, points, rates = self.cable, self.cable.points, self.velocities
         pulled = dict(zip(self.model.spring_places, cable.anchors.tolist(), strict=True))
         in_material_frame = self.model.has(MATERIAL)
         self.ends.take_frame_turns(cable.frame_turn)
-        self.needs = needs
-        cable.activate(build_model(scene, needs, geometries, self.origin))
+        self.needs = model.needs
+        cable.activate(model)
         self.hold_cable()
         for k, held in enumerate(self.model.spring_places):
             cable.anchors[k] = pulled.get(held, cable.anchors[k])

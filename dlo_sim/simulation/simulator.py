@@ -423,12 +423,10 @@ class Simulator(Running):
         """
         motion = EndMotion.resting(position, orientation, self.time)
         kept = {one: found for one, found in self.pressures.items() if one == name}
-        self.cable.settle(self.time)
-        before = self.cable.present_energy()
-        self.move_obstacle(name, motion)
-        self.cable.place_obstacles(self.time)
-        self.give_way(kept, obstacles.Overlap.JUMPED)
-        self.cable.account.drive_work += self.cable.present_energy() - before
+        with self.cable.working(self.time):
+            self.move_obstacle(name, motion)
+            self.cable.place_obstacles(self.time)
+            self.give_way(kept, obstacles.Overlap.JUMPED)
 
     @recorded
     def move_obstacle(self, name: str, motion: EndMotion) -> None:
@@ -527,7 +525,7 @@ class Simulator(Running):
         Raises:
             TypeError, ValueError: as `take`.
         """
-        self.held_with(grasp, self.geometry_taken(grasp, at))
+        self.model_held(grasp, self.geometry_taken(grasp, at))
 
     @recorded
     def release(self, grasp: str) -> None:
