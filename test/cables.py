@@ -15,6 +15,7 @@ from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import geometries_of
 from dlo_sim.simulation.natural_shape import local_turn, natural_rows, turned_rows, weighted
+from dlo_sim.simulation.play import play
 from dlo_sim.simulation.simulator import Simulator
 
 # Methods of the elastic cable by name.
@@ -105,6 +106,13 @@ def scene_of(*values, **more):
 def simulator(*values, **more):
     """A simulator of merged values, see `scene_of`."""
     return Simulator(scene_of(*values, **more))
+
+
+def advance(target, steps):
+    """Advance a simulator, alone or with the estimate of its error, which watches it."""
+    if isinstance(target, Simulator):
+        return target.advance_steps(steps)
+    return play(target.simulator, target.simulator.steps + steps, watchers=(target,))
 
 
 class Bench:

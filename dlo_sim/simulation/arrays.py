@@ -112,27 +112,6 @@ def to_blocks(values: Array, beyond: float = 0.0) -> Array:
     return np.ascontiguousarray(np.moveaxis(by_lane, 1, -1))
 
 
-def resampled(
-    groups: Array, coarse: int, pieces: tuple[int, int], counts: tuple[int, int]
-) -> Array:
-    """Values of samples, shape (groups, ..., LANES), with `pieces` groups of a span, of each of two
-    sets, behind the `coarse` ones, for `counts` groups of a span: each is that of the nearest
-    sample, or 0 where there was none.
-    """
-    if pieces == counts:
-        return groups
-    inner, spans = groups.shape[1:-1], (len(groups) - coarse) // sum(pieces)
-    parts, at = [groups[:coarse]], coarse
-    for few, count in zip(pieces, counts, strict=True):
-        by_span = groups[at : at + spans * few].reshape(spans, few, *inner, LANES)
-        by_span = np.moveaxis(by_span, -1, 2).reshape(spans, few * LANES, *inner)
-        at += spans * few
-        nearest = ((np.arange(count * LANES) + 0.5) * (few / max(count, 1))).astype(int)
-        values = by_span[:, nearest] if few else np.zeros((spans, count * LANES, *inner))
-        parts.append(np.moveaxis(values.reshape(-1, LANES, *inner), 1, -1))
-    return np.concatenate(parts)
-
-
 def from_blocks(blocks: Array, spans: int) -> Array:
     """The inverse of `to_blocks`; returns a copy."""
     by_lane = np.moveaxis(np.array(blocks), -1, 1)

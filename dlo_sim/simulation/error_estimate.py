@@ -51,8 +51,6 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.geometry import Pose
-from dlo_sim.simulation.play import play
-from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import DiscretizationError, Report
 from dlo_sim.simulation.resolution import MOST_CONTROL_POINTS, raised
 from dlo_sim.simulation.selection import SAFETY, accurate_step
@@ -191,14 +189,6 @@ class ErrorEstimate:
         """Follow the simulator no longer."""
         self.simulator.follower = None
 
-    def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
-        """Advance the simulator, and let its companions follow; returns its report.
-
-        Its state is the same bit for bit as without companions. The times of the comparisons depend
-        on simulated time only.
-        """
-        return play(self.simulator, self.simulator.steps + steps, recorder, watchers=(self,))
-
     def next_look(self, steps: int) -> int:
         """The next step at which it compares."""
         return steps + self._look - steps % self._look
@@ -208,14 +198,6 @@ class ErrorEstimate:
         if report.status.advanced and report.steps and self.simulator.steps % self._look == 0:
             self._compare()
         return ""
-
-    def reset(self) -> None:
-        """Go back to the initial state and clear the errors."""
-        self.simulator.reset()
-        self._begun = 0
-        for companion in self._finer:
-            companion.reset()
-        self._compare()
 
     @property
     def _failure(self) -> str:
@@ -350,12 +332,6 @@ class _Companion:
         """Stop, since it is too far behind."""
         self._log.clear()
         self._fail(f"the finer run is more than {MOST_BEHIND:g} s behind")
-
-    def reset(self) -> None:
-        """Go back to the initial state and clear the errors."""
-        self._forget()
-        if self.simulator is not None:
-            self.simulator.reset()
 
     def take_over(self, original: Simulator) -> None:
         """Start from the present state of the original."""

@@ -28,7 +28,6 @@ from dlo_sim.engine.arrays import (
 from dlo_sim.engine.arrays import Contact as ContactArrays
 from dlo_sim.engine.grasps import FRAME, POSITION
 from dlo_sim.scene.description import EARTH, Obstacle, Scene
-from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.arrays import COARSE, to_blocks
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.meshes import Field, field_of, triangles_of
@@ -178,17 +177,6 @@ def gaps(obstacle: Obstacle, diameter: float, points: Array) -> Array:
         over = np.stack((radial, over[..., 2]), axis=-1)
     outside = np.linalg.norm(np.maximum(over, 0.0), axis=-1)
     return np.asarray(outside + np.minimum(over.max(axis=-1), 0.0) - reach)
-
-
-def check_outside(obstacle: Obstacle, diameter: float, u: Array, line: Array) -> None:
-    """Refuse a cable that is `inside` an obstacle.
-
-    Raises:
-        SceneError: it is; in one line.
-    """
-    found = inside(obstacle, diameter, u, line)
-    if found:
-        raise SceneError(f"{found}; move the obstacle or the cable's ends")
 
 
 def inside(obstacle: Obstacle, diameter: float, u: Array, line: Array) -> str:

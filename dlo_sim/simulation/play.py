@@ -9,7 +9,7 @@ division of a run into calls changes nothing. At its end shape and energy are ju
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from dlo_sim.core import bspline
 from dlo_sim.core.methods import IMPLICIT
@@ -20,16 +20,8 @@ from dlo_sim.simulation.running import Running
 from dlo_sim.simulation.soundness import sound_now
 from dlo_sim.simulation.stepper import AS_BEFORE, CHUNK, Along
 
-
-class Played(Protocol):
-    """A simulator, alone or with an estimate of its error."""
-
-    @property
-    def steps(self) -> int:
-        """Whole steps since the start."""
-
-    def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
-        """Advance by whole steps."""
+if TYPE_CHECKING:
+    from dlo_sim.simulation.simulator import Simulator
 
 
 class Timeline(Protocol):
@@ -54,7 +46,7 @@ class Watcher(Protocol):
 
 
 def play(
-    simulator: Played,
+    simulator: Simulator,
     until: int,
     recorder: Recorder | None = None,
     timeline: Timeline | None = None,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core.methods import IMPLICIT
+from dlo_sim.engine.arrays import TORSION
 from dlo_sim.scene.needs import mirrors, needs_of
 from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.buckling import look_due, plane_warning, release, side_note
@@ -116,10 +117,22 @@ def warnings(sim: Running, found: Mapping[str, obstacles.Contact]) -> tuple[str,
 
 def notes(sim: Running) -> tuple[str, ...]:
     """`Simulator.notes` beside the warnings."""
-    torsion = sim.undefined_torsion
     flat = "" if sim.noticed.unstable_first else unstable_in_plane(sim)
-    more = flat, torsion.note if torsion.worst else "", side_taken(sim)
+    more = flat, undefined_torsion(sim), side_taken(sim)
     return tuple(filter(None, more))
+
+
+def undefined_torsion(sim: Running) -> str:
+    """One line if the Frenet torsion was undefined somewhere in the run, else empty."""
+    account, samples = sim.cable.account, int(np.count_nonzero(sim.model.rule.weights))
+    if not (sim.model.has(TORSION) and account.torsion_worst):
+        return ""
+    return (
+        "terms.twist frenet: torsion is undefined (curvature below "
+        f"{sim.scene.curvature_floor:.3g} 1/m, where it is suppressed) at up to "
+        f"{account.torsion_worst:.0f} of {samples} samples, "
+        f"{account.torsion_sum / max(account.torsion_looks, 1.0):.1f} on average"
+    )
 
 
 def points_needed(sim: Running, found: Mapping[str, obstacles.Contact]) -> int:

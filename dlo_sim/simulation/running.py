@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import arguments
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT
-from dlo_sim.engine.arrays import ENERGIES, MATERIAL, SLIDING, TORSION
+from dlo_sim.engine.arrays import ENERGIES, MATERIAL, SLIDING
 from dlo_sim.engine.sliding import LOST
 from dlo_sim.scene.description import Grasp, Obstacle, Scene
 from dlo_sim.scene.needs import Needs, inextensible, needs_of
@@ -31,7 +31,7 @@ from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import Geometries, Geometry
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.natural_shape import NaturalShape
-from dlo_sim.simulation.report import Energy, UndefinedTorsion
+from dlo_sim.simulation.report import Energy
 from dlo_sim.simulation.resolution import Shortfall
 from dlo_sim.simulation.selection import Choice
 from dlo_sim.simulation.stepper import CHUNK, Stepper
@@ -206,20 +206,6 @@ class Running:
     def energy_error(self) -> float:
         """Largest |energy - work done + energy lost| so far, as a share of the energy exchanged."""
         return self.cable.worst_balance(self.stepper.checked(self.steps))
-
-    @property
-    def undefined_torsion(self) -> UndefinedTorsion:
-        """At how many samples the Frenet torsion was undefined in the run so far."""
-        if not self.model.has(TORSION):
-            return UndefinedTorsion(0, 0, 0.0, 0, 0.0)
-        account = self.cable.account
-        return UndefinedTorsion(
-            samples=int(np.count_nonzero(self.model.rule.weights)),
-            last=int(account.torsion_last),
-            mean=float(account.torsion_sum / max(account.torsion_looks, 1.0)),
-            worst=int(account.torsion_worst),
-            floor=self.scene.curvature_floor,
-        )
 
     # -- end effectors and their motions ----------------------------------------------------------
 

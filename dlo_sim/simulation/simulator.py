@@ -18,10 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline, rotations
 from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.core.strain import strain
 from dlo_sim.engine.grasps import ACTIVE, DURATION, START
 from dlo_sim.scene.description import EARTH, Obstacle, Scene, check_added
 from dlo_sim.scene.needs import check_terms, inextensible, needs_of, with_load
+from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation import following, obstacles, remarks, self_contact
 from dlo_sim.simulation.bodies import write
 from dlo_sim.simulation.build_model import build_model
@@ -36,7 +38,7 @@ from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Slide
 from dlo_sim.simulation.resolution import continued, resolved
 from dlo_sim.simulation.running import Running
-from dlo_sim.simulation.selection import check_named_method, choose, is_implicit
+from dlo_sim.simulation.selection import choose, method_of
 from dlo_sim.simulation.soundness import sound_now
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.statics import FirstShape
@@ -86,7 +88,7 @@ class Simulator(Running):
         scene, resolution = resolved(scene)
         needs = needs_of(scene, before is not None)
         check_terms(scene, needs)
-        check_named_method(scene)
+        implicit = method_of(scene)[0].family == IMPLICIT
         bodies = {one.name for one in scene.bodies}
         given = {} if end_poses is None else end_poses
         poses = given
@@ -105,7 +107,7 @@ class Simulator(Running):
         if not before:
             places = [one.u for one in self.geometries.values() if one.u is not None]
             self_contact.check_start(self.cable, places)
-        frequency = 0.0 if is_implicit(scene) else largest_frequency(scene, self.cable)
+        frequency = 0.0 if implicit else largest_frequency(scene, self.cable)
         choice = choose(scene, frequency, unchecked_step)
         self.step_by(replace(choice, resolution=resolution))
         if not given and not before:
@@ -474,7 +476,8 @@ class Simulator(Running):
         """
         diameter, length = self.scene.cable.diameter, self.scene.cable.length
         u = np.linspace(0.0, length, obstacles.PLACES)
-        obstacles.check_outside(obstacle, diameter, u, self.centerline(u))
+        if wrong := obstacles.inside(obstacle, diameter, u, self.centerline(u)):
+            raise SceneError(f"{wrong}; move the obstacle or the cable's ends")
 
     def remove_obstacles(self, names: Iterable[str]) -> None:
         """Remove obstacles that `add_obstacles` added; what that takes away is their work.

@@ -103,22 +103,16 @@ class Stepper:
     ) -> Advance:
         """Advance by whole steps from step `first`; after a failure keep the last good state.
 
-        Implicit methods check every step, and undo one that failed. Explicit ones check the energy
-        every few steps, so that some may have to be repeated from the beginning.
-
         Args:
             along: of these steps; implicit methods only.
         """
         recorder = self._unrecorded if recorder is None else recorder
-        if self.check_every == 1:
-            done = self._called(first, steps, recorder, along)
-            return done if done.status.ok else done._replace(worst=self._worst_point(done.status))
         kept = self._cable.state.copy()
         done = self._called(first, steps, recorder, along)
         if done.status.ok and self._sane(first + done.steps):
             return done
         status = Status.DIVERGED if done.status.ok else done.status
-        worst, made = self._worst_point(status), self._redo(kept, first, done.steps)
+        worst, made = self._worst_point(status), self._redo(kept, first, done.steps, along)
         reached = (first + made + 1e-9) * self.step
         recorder.forget(int(np.searchsorted(recorder.times, reached, side="right")))
         return Advance(status, made, done.evaluations, worst)
@@ -138,13 +132,13 @@ class Stepper:
         """
         return self.checked(step) or self._cable.share_open() <= GROSS_SHARE
 
-    def _redo(self, kept: Array, first: int, made: int) -> int:
+    def _redo(self, kept: Array, first: int, made: int, along: Along) -> int:
         """Repeat a failed advance up to its last good state; returns its steps."""
         last_check = first + made - (first + made) % self.check_every
         for good in (made, last_check - first):
             self._cable.state[:] = kept
             if good > 0:
-                self._called(first, good, self._unrecorded, AS_BEFORE)
+                self._called(first, good, self._unrecorded, along)
                 if self._sane(first + good):
                     return good
         self._cable.state[:] = kept

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cables import advance
 
 from dlo_sim import EndMotion, Obstacle, Simulator
 from dlo_sim.scene.loading import scene_from_values
@@ -166,13 +167,13 @@ def test_the_error_estimate_takes_obstacles_up():
     turns, found = np.zeros((2, 3)), []
     for each in (1, 4, 40):
         estimate = ErrorEstimate.placed(lying())
-        estimate.advance_steps(8)
+        advance(estimate, 8)
         estimate.simulator.replace_added((TABLE,))
         begin, turn = estimate.simulator.time, np.array([0.0, 0.0, 0.0, 1.0])
         motion = EndMotion.from_coefficients(begin, 1.0, path, turn, turns)
         estimate.simulator.set_motion("table", motion)
         for _ in range(40 // each):
-            estimate.advance_steps(each)
+            advance(estimate, each)
         for one in (companion.simulator for companion in estimate.companions):
             assert one.time == pytest.approx(estimate.simulator.time)
             assert one.end_pose("table")[0][0] == pytest.approx(0.02)
