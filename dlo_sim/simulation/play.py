@@ -9,7 +9,7 @@ division of a run into calls changes nothing. At its end shape and energy are ju
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from dlo_sim.core import bspline
 from dlo_sim.core.methods import IMPLICIT
@@ -20,8 +20,14 @@ from dlo_sim.simulation.running import Running
 from dlo_sim.simulation.soundness import sound_now
 from dlo_sim.simulation.stepper import AS_BEFORE, CHUNK, Along
 
-if TYPE_CHECKING:
-    from dlo_sim.simulation.simulator import Simulator
+
+class Played(Protocol):
+    """What `play` asks of a simulator."""
+
+    steps: int
+
+    def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
+        """Advance by whole steps."""
 
 
 class Timeline(Protocol):
@@ -46,7 +52,7 @@ class Watcher(Protocol):
 
 
 def play(
-    simulator: Simulator,
+    simulator: Played,
     until: int,
     recorder: Recorder | None = None,
     timeline: Timeline | None = None,
