@@ -10,7 +10,7 @@ import numpy as np
 
 from dlo_sim.engine.grasps import ACTIVE
 from dlo_sim.scene.description import Obstacle
-from dlo_sim.simulation import obstacles
+from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.buckling import growth, look_due, release
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.geometry import moved
@@ -97,6 +97,7 @@ def load_ahead(sim: Running) -> None:
         release(cable)
         growth(cable, np.eye(len(sim.model.axes)))  # also if nothing presses it now
     cable.state[:] = state
+    self_contact.nearest(sim.model, cable.points)
     sim.cable.velocities(0.0)
     sim.cable.balance()
     sim.cable.present_energy()

@@ -142,29 +142,7 @@ def record(
     """
     began = time.perf_counter()
     simulator = Simulator(scene)
-    return record_simulator(
-        simulator, duration, every, progress, began, scene.estimates_errors, tell
-    )
-
-
-def record_simulator(
-    simulator: Simulator,
-    duration: float,
-    every: float,
-    progress: Callable[[float], None] | None = None,
-    began: float | None = None,
-    with_estimate: bool = False,
-    tell: Callable[[str], object] | None = None,
-) -> Recording:
-    """`record` for a simulator that has not been stepped yet.
-
-    Args:
-        began: `time.perf_counter` when the building of the simulator began [s].
-        with_estimate: whether to estimate the error; only if the simulator is in its scene's
-            initial state.
-    """
-    began = time.perf_counter() if began is None else began
-    estimate = ErrorEstimate(simulator) if with_estimate else None
+    estimate = ErrorEstimate(simulator) if scene.estimates_errors else None
     compile_s = time.perf_counter() - began
     recorder = Recorder(simulator.model, sample_times(duration, every))
     recorder.put(simulator.cable, simulator.energy().total)
@@ -237,6 +215,11 @@ def _cores() -> int:
     return os.cpu_count() or 1
 
 
+def steps_of(duration: float, step: float) -> int:
+    """Whole steps [s] that cover a duration [s]."""
+    return max(1, int(np.ceil(duration / step - _ROUNDING)))
+
+
 def sample_times(duration: float, every: float) -> Array:
     """Multiples of `every` [s] from 0 up to the duration."""
     count = int(np.floor(duration / every + _ROUNDING)) + 1
@@ -259,7 +242,7 @@ class _Progress:
     ) -> None:
         self._simulator, self._duration = simulator, duration
         self._progress, self._tell = progress, tell
-        self.total = max(1, int(np.ceil(duration / simulator.step - _ROUNDING)))
+        self.total = steps_of(duration, simulator.step)
         self._part, self._piece = max(self.total // _PARTS, _FEWEST_STEPS), 1
         self.evaluations, self.wall = 0, 0.0
         self._assessed, self._slow = np.zeros((2, 2), dtype=np.int64)
