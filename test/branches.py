@@ -18,7 +18,7 @@ from dlo_sim.core import bspline
 from dlo_sim.core.quadrature import Quadrature
 from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays, Mesh
-from dlo_sim.simulation.arrays import COARSE, from_blocks, sizes_of, to_blocks, without_margins
+from dlo_sim.simulation.arrays import from_blocks, sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.build_model import fill_rows, held_values, terms_of_holding
 from dlo_sim.simulation.holding import Holding, Point, Row, Weights
 from dlo_sim.simulation.model import Model
@@ -145,7 +145,6 @@ def _fill_contact(arrays: CableArrays, models: Sequence[Model]) -> None:
     for name in contact.fields:
         if name not in ("first", "basis", "weight", "begin", "end"):
             setattr(contact, name, getattr(first, name))
-    contact.coarse = COARSE * arrays.blocks
     pieces = contact.pieces, contact.guide_pieces
     parts = [samples_by_span(model.knots, pieces, contact.radius) for model in models]
     write_samples(contact, *map(_with_voids, zip(*parts, strict=True)))

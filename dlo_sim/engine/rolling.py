@@ -21,7 +21,7 @@ from __future__ import annotations
 from numba import boolean, void
 
 from dlo_sim.compiling.kernels import YES, inline, kernel
-from dlo_sim.compiling.lanes import LANES, any_above, lane, lane_sum
+from dlo_sim.compiling.lanes import any_above, lane_sum
 from dlo_sim.engine.arrays import BISHOP, CABLE, LINES, MARGIN, PADDING, ROLLING, VECTOR
 from dlo_sim.engine.band import (
     clamps_here,
@@ -45,12 +45,10 @@ from dlo_sim.engine.contact import (
     STOP,
     TOWARD,
     add_line,
-    block_of,
-    clear_sums,
     friction_at,
     push_line,
     push_samples,
-    take_sums,
+    taken,
     to_lines,
     trial_at,
 )
@@ -126,11 +124,7 @@ def add_to_twist(cable, g, held, matrix):
     for a in range(4):
         for b in range(a, 4):
             value = e[a] * e[b] * held
-            if g < contact.coarse:
-                for span in range(min(LANES, cable.n - 3 - first)):
-                    matrix[b - a, first + span + a] += lane(value, span)
-            else:
-                matrix[b - a, first + a] += lane_sum(value)
+            matrix[b - a, first + a] += lane_sum(value)
 
 
 @kernel(void, CABLE, LINES, LINES, terms=ROLLING)
@@ -164,20 +158,20 @@ def eliminate_rolling(cable, pushed, kept, matrix, impulses):
     exist. `pushed`, `kept`: directions of the constraint rows, as of `band.hold`. `impulses`: the
     matrices and couplings are those of `contact.add_impulses`.
     """
-    band, block = cable.work.rolling_band, -1
+    band, span = cable.work.rolling_band, -1
     clear_band(band)
     copy_shape(cable, matrix, band)
     for o in range(cable.contact.count):
         for k in range(int(cable.state.near_count[o])):
             g = int(cable.state.near[o, k])
             if rubs(cable, o, g):
-                here = block_of(cable, g)
-                if here != block and block >= 0:
-                    add_couplings(cable, block, band)
+                here = cable.contact.first[g]
+                if here != span and span >= 0:
+                    add_couplings(cable, span, band)
                 couple(cable, o, g, impulses)
-                block = here
-    if block >= 0:
-        add_couplings(cable, block, band)
+                span = here
+    if span >= 0:
+        add_couplings(cable, span, band)
     hold_couplings(cable, pushed, kept, band)
     copy_twist(cable, band)
     return eliminate(band, FOUR * cable.n, FOUR)
@@ -266,22 +260,18 @@ def couple(cable, o, g, impulses):
 
 
 @inline
-def add_couplings(cable, block, band):
-    """band -= the sums of `couple` of a block, which then has none."""
-    sums = cable.work.contact_sums
-    first, spans = take_sums(cable, block)
-    for span in range(spans):
-        row = 0
-        for one in range(4):
-            for other in range(one, 4):
-                for d in range(3):
-                    on_shape, on_twist = sums[row + d, span], sums[row + 3 + d, span]
-                    i, j = first + span + one, first + span + other
-                    add_coupling(i, j, d, on_shape, on_twist, band)
-                    if other > one:
-                        add_coupling(j, i, d, on_shape, on_twist, band)
-                row += 6
-    clear_sums(cable)
+def add_couplings(cable, span, band):
+    """band -= the sums of `couple` of the span with this first column, which then has none."""
+    sums, first, row = cable.work.contact_sums, span - MARGIN, 0
+    for one in range(4):
+        for other in range(one, 4):
+            for d in range(3):
+                on_shape, on_twist = taken(sums, row + d), taken(sums, row + 3 + d)
+                i, j = first + one, first + other
+                add_coupling(i, j, d, on_shape, on_twist, band)
+                if other > one:
+                    add_coupling(j, i, d, on_shape, on_twist, band)
+            row += 6
 
 
 @inline

@@ -15,7 +15,6 @@ Array = NDArray[np.float64]
 # Pairs of segments that touch each other, for every segment, and of spans, for every span.
 PAIRS, NEAR = 12, 64
 MOST_SKYLINE = 1 << 20  # entries of the factors with couplings between distant control points
-COARSE = 9  # groups of samples of a block that touch planes, the last one at an end of the cable
 
 
 def sizes_of(
@@ -67,7 +66,7 @@ def sizes_of(
         "grasps": grasps,
         "loads": loads,
         "obstacles": obstacles,
-        "groups": pieces and (COARSE * blocks + pieces * spans),
+        "groups": pieces * spans,
         "rolling_unknowns": (dim + 1) * n * (rolls or bishop),
         "rolling_padded": ((dim + 1) * n + 2 * PADDING) * (rolls or bishop),
         "field_values": field_values,
@@ -110,6 +109,25 @@ def to_blocks(values: Array, beyond: float = 0.0) -> Array:
     padded[: len(values)] = values
     by_lane = padded.reshape(blocks, LANES, *values.shape[1:])
     return np.ascontiguousarray(np.moveaxis(by_lane, 1, -1))
+
+
+def resampled(groups: Array, pieces: tuple[int, int], counts: tuple[int, int]) -> Array:
+    """Values of samples, shape (groups, ..., LANES), with `pieces` groups of a span, of each of two
+    sets, for `counts` groups of a span: each is that of the nearest sample, or 0 where there was
+    none.
+    """
+    if pieces == counts:
+        return groups
+    inner, spans = groups.shape[1:-1], len(groups) // sum(pieces)
+    parts, at = [], 0
+    for few, count in zip(pieces, counts, strict=True):
+        by_span = groups[at : at + spans * few].reshape(spans, few, *inner, LANES)
+        by_span = np.moveaxis(by_span, -1, 2).reshape(spans, few * LANES, *inner)
+        at += spans * few
+        nearest = ((np.arange(count * LANES) + 0.5) * (few / max(count, 1))).astype(int)
+        values = by_span[:, nearest] if few else np.zeros((spans, count * LANES, *inner))
+        parts.append(np.moveaxis(values.reshape(-1, LANES, *inner), 1, -1))
+    return np.concatenate(parts)
 
 
 def from_blocks(blocks: Array, spans: int) -> Array:

@@ -31,7 +31,7 @@ from dlo_sim.engine.grasps import ACTIVE, POSITION, START
 from dlo_sim.engine.natural_curvature import follow_to_present
 from dlo_sim.engine.plasticity import flow_to_present
 from dlo_sim.methods import between_steps
-from dlo_sim.simulation.arrays import from_blocks, to_blocks, without_margins
+from dlo_sim.simulation.arrays import from_blocks, resampled, to_blocks, without_margins
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -90,7 +90,7 @@ class Cable:
 
     def take_contact(self, other: Cable, time: float | None = None) -> None:
         """Go on with the motions of the obstacles of another cable, with how deep they have pressed
-        it, and with the friction that holds it on them if its samples are the same.
+        it, and with the friction that holds it on them if its control points have the same knots.
 
         Args:
             time: of another cable [s], 0 here: obstacles of the same names may be stiffer, and
@@ -102,7 +102,6 @@ class Cable:
         known = {one.name if anew else one: k for k, one in enumerate(other.model.obstacles)}
         pieces = [(one.pieces, one.guide_pieces) for one in (theirs.contact, group)]
         same = np.array_equal(self.model.knots, other.model.knots)
-        common = slice(None if pieces[0] == pieces[1] else group.coarse)
         names = ["bristle", "slides", *["overlap"] * (not anew)]
         if anew and self.model.axes == other.model.axes:
             names.append("stopped")
@@ -119,11 +118,8 @@ class Cable:
                 self.obstacles[k] = row
             state.deepest[k] = theirs.state.deepest[number]
             for name in names * same:
-                kept = np.asarray(getattr(theirs.state, name))[number, common]
-                np.asarray(getattr(state, name))[k, common] = kept
-            if not anew and pieces[0] != pieces[1]:  # other samples of it give way as far
-                deep = np.asarray(theirs.state.overlap)[number, group.coarse :, :2]
-                np.asarray(state.overlap)[k, group.coarse :, :2] = deep.max()
+                values = np.asarray(getattr(theirs.state, name))[number]
+                np.asarray(getattr(state, name))[k] = resampled(values, *pieces)
             laws = theirs.contact.law[number], group.law[k]
             rubs = laws[1][contact.FRICTION] > 0.0
             ratio = laws[0][contact.BRISTLE] / laws[1][contact.BRISTLE] if rubs else 0.0
