@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.core.methods import IMPLICIT, RUNGE_KUTTA, SPLITTING, ZHAI, Method
 from dlo_sim.engine import arrays
+from dlo_sim.engine.account import DIVERGED_SHARE
 from dlo_sim.methods import implicit
 from dlo_sim.methods.advance import advance
 from dlo_sim.simulation.cable import Cable
@@ -22,7 +23,6 @@ from dlo_sim.simulation.report import Status
 Array = NDArray[np.float64]
 CHUNK = 4096  # steps of a long advance after which the state is kept in case of a failure
 GUARD_STEPS = 16  # explicit steps between two checks of the energy
-GROSS_SHARE = 1.0  # of the energy exchanged: states with a larger energy error are never shown
 _STATUS = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)
 LOOK = 2e-3  # [s] between two looks for buckling at a straight cable at least
 _FAMILIES = {
@@ -127,10 +127,8 @@ class Stepper:
         return Advance(_STATUS[status], done, evaluations)
 
     def _sane(self, step: int) -> bool:
-        """Whether the state may be shown: between two checks, too, when a stable method may err by
-        more than a diverged one right after an impact, before much energy has been exchanged.
-        """
-        return self.checked(step) or self._cable.share_open() <= GROSS_SHARE
+        """Whether the state may be shown, also between two checks of the energy."""
+        return self.checked(step) or self._cable.share_open() <= DIVERGED_SHARE
 
     def _redo(self, kept: Array, first: int, made: int, along: Along) -> int:
         """Repeat a failed advance up to its last good state; returns its steps."""
