@@ -8,6 +8,7 @@ import numpy as np
 from dlo_sim.core import bspline, mass, rotations, spectrum
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine.arrays import CURVED, ENERGIES
+from dlo_sim.methods import between_steps
 from dlo_sim.scene.loading import scene_from_values, scene_values
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.build_model import build_model
@@ -106,6 +107,14 @@ def scene_of(*values, **more):
 def simulator(*values, **more):
     """A simulator of merged values, see `scene_of`."""
     return Simulator(scene_of(*values, **more))
+
+
+def solve_held(cable, unknowns, transposed=False):
+    """Solve band x = unknowns, or band^T x = unknowns, in place with the constraint rows fixed, and
+    return the number of negative pivots, or -1 if a pivot is not usable; unknowns: shape (n dim,),
+    or one row for each right-hand side."""
+    rows = unknowns.reshape(-1, cable.model.n * len(cable.model.axes))
+    return cable.call(between_steps.solve_held, rows, transposed)
 
 
 def advance(target, steps):

@@ -608,18 +608,6 @@ class Cable:
         """Right-hand side of the last Newton correction of an implicit step [N], shape (n, dim)."""
         return self.arrays.work.unbalanced.reshape(self.model.n, -1)
 
-    def solve_held(self, unknowns: Array, transposed: bool = False) -> int:
-        """Solve band x = unknowns, or band^T x = unknowns, in place with the constraint rows fixed.
-
-        Args:
-            unknowns: shape (n dim,), or one row for each right-hand side.
-
-        Returns:
-            The number of negative pivots, or -1 if a pivot is not usable.
-        """
-        rows = unknowns.reshape(-1, self.model.n * len(self.model.axes))
-        return int(self.call(between_steps.solve_held, rows, transposed))
-
     def free_acceleration(self, force: Array, keep: bool = True) -> Array:
         """P M^-1 f of forces f, shape (lines, n); M^-1 f if `keep` is false."""
         lines = self.padded(force)

@@ -184,17 +184,13 @@ def method_of(scene: Scene) -> tuple[Method, str]:
 
 
 def _step_limit(scene: Scene, method: Method, frequency: float) -> float:
-    """Largest stable step [s] of the linearised scene."""
-    rates = set(scene.decay_rates)
-    return min(_damped_limit(method, frequency, rate) for rate in rates)
-
-
-def _damped_limit(method: Method, frequency: float, rate: float) -> float:
-    """Largest stable step [s] for modes up to a frequency that are all damped at one rate."""
-    if rate and method.family in (RUNGE_KUTTA, ZHAI):
-        # These take damping as a force; splitting methods solve it exactly.
-        return largest_step(method, frequency, rate)
-    return method.stability_limit / frequency if frequency > 0.0 else np.inf
+    """Largest stable step [s] of the linearised scene, for modes up to a frequency."""
+    undamped = method.stability_limit / frequency if frequency > 0.0 else np.inf
+    as_force = method.family in (RUNGE_KUTTA, ZHAI)  # splitting methods solve damping exactly
+    return min(
+        largest_step(method, frequency, rate) if rate and as_force else undamped
+        for rate in {*scene.decay_rates}
+    )
 
 
 def _automatic(scene: Scene) -> tuple[str, str]:

@@ -166,7 +166,7 @@ def test_the_error_estimate_takes_obstacles_up():
     path = np.array([TABLE.position, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0)])
     turns, found = np.zeros((2, 3)), []
     for each in (1, 4, 40):
-        estimate = ErrorEstimate.placed(lying())
+        estimate = ErrorEstimate(lying())
         advance(estimate, 8)
         estimate.simulator.replace_added((TABLE,))
         begin, turn = estimate.simulator.time, np.array([0.0, 0.0, 0.0, 1.0])
