@@ -84,9 +84,6 @@ TURNED = 0.5  # cosine by which the cable has to turn between two spans that are
 PLACES = 9  # of each of two spans, that are compared at a time
 CLOSER = 3.0  # times as close are the places that are compared next
 FOUND = 0.01  # diameters between neighbouring places, where the search ends
-# Shortest edges by which control points may move until all is looked at again: the cable has to
-# turn by 60 degrees before spans are compared, and by 180 before they touch.
-MOVED = 1.0
 DEEP = 0.5  # diameters, inside itself, in which no cable may be held when it begins
 PRESSED = 0.01  # diameters that strands are inside each other, above which a warning reports it
 
@@ -96,13 +93,11 @@ class Nearest(NamedTuple):
 
     Attributes:
         clearance: gap between the surfaces [m], negative where they overlap. u: material
-            coordinates of both places [m]. room: by which control points may move along an axis
-            [m] until strands can overlap; not above 0 if they do.
+            coordinates of both places [m].
     """
 
     clearance: float
     u: tuple[float, float]
-    room: float = 0.0
 
 
 def nearest(model: Model, points: Array, limit: float = math.inf) -> Nearest:
@@ -112,23 +107,17 @@ def nearest(model: Model, points: Array, limit: float = math.inf) -> Nearest:
     """
     diameter, ends = model.scene.cable.diameter, bspline.breaks(model.knots)
     place, shapes = np.ascontiguousarray(points[:, :3]), bspline.span_polynomials(model.knots)
-    given = place, shapes.copy(), ends, diameter, limit + diameter
-    far, u, v, others = nearest_places(*given)
-    clearance, whole = far - diameter, slice(2, -2) if len(ends) > 3 else slice(None)
-    edges = np.diff(place, axis=0)[whole]  # those at clamped ends are shorter
-    longest = MOVED * math.sqrt(float(np.einsum("kd,kd->k", edges, edges).min()))
-    room = min(0.5 * min(clearance, others - diameter), longest) / math.sqrt(3.0)
-    if clearance > limit or far == math.inf:
-        return Nearest(math.inf, (0.0, float(ends[-1])), room)
-    return Nearest(clearance, (u, v), room)
+    far, u, v = nearest_places(place, shapes.copy(), ends, diameter, limit + diameter)
+    clearance = far - diameter
+    return Nearest(clearance if clearance <= limit else math.inf, (u, v))
 
 
-@kernel((float64, float64, float64, float64), ARRAY_2D, ARRAY_3D, ARRAY, float64, float64)
+@kernel((float64, float64, float64), ARRAY_2D, ARRAY_3D, ARRAY, float64, float64)
 def nearest_places(
     points: Array, polynomials: Array, ends: Array, diameter: float, most: float
-) -> tuple[float, float, float, float]:
-    """Distance of the nearest places and their material coordinates, and a distance that no places
-    of spans come below that are further than `most` from each other, all in [m].
+) -> tuple[float, float, float]:
+    """Distance of the nearest places and their material coordinates [m]; places that are further
+    than `most` from each other may be left out.
 
     Args:
         polynomials: powers of xi by control point, shape (spans, 4, 4). ends: of the spans.
@@ -150,7 +139,7 @@ def nearest_places(
                     shapes[s, p, d] += polynomials[s, k, p] * points[s + k, d]
         for k in range(ACTIVE):
             size[s] = max(size[s], apart_by(points[s + k], middle[s]))
-    least, others, u, v = np.inf, np.inf, 0.0, 0.0
+    least, u, v = np.inf, 0.0, ends[-1]
     for i in range(spans):
         turned = 1.0  # the least cosine of an edge of those from here on to the first
         for j in range(i, spans):
@@ -161,9 +150,7 @@ def nearest_places(
                 turned = min(turned, cosine)
             if turned >= TURNED or ends[j + 1] - ends[i] <= APART * diameter:
                 continue
-            gap = apart_by(middle[i], middle[j]) - size[i] - size[j]
-            if gap >= most:
-                others = min(others, gap)
+            if apart_by(middle[i], middle[j]) - size[i] - size[j] >= min(least, most):
                 continue
             long = max(ends[i + 1] - ends[i], ends[j + 1] - ends[j])
             best, a, b, width = 0.0, 0.0, 0.0, 1.0
@@ -180,7 +167,7 @@ def nearest_places(
                 least = best
                 u = ends[i] + 0.5 * (1.0 + a) * (ends[i + 1] - ends[i])
                 v = ends[j] + 0.5 * (1.0 + b) * (ends[j + 1] - ends[j])
-    return least, u, v, others
+    return least, u, v
 
 
 @inline
@@ -227,7 +214,6 @@ class Watch:
         self.looks = self.close = 0
         self.since = -math.inf  # time of the last look [s]
         self.first = 0.0  # time at which it was close first [s]
-        self._seen, self._room = np.zeros((0, 0)), 0.0  # control points of a look, and its `room`
         self.least = Nearest(math.inf, (0.0, 0.0))
 
     def look(self, model: Model, x: Array, time: float) -> None:
@@ -236,14 +222,9 @@ class Watch:
             return
         self.since = time
         self.looks += 1
-        if self._seen.shape == x.shape and np.abs(x - self._seen).max() < self._room:
-            return
         points = np.zeros((model.n, 3))
         points[:, : len(x)] = x.T
-        found = nearest(
-            model, points, limit=model.scene.cable.diameter
-        )  # so that `room` is not tiny
-        self._seen, self._room = x.copy(), found.room
+        found = nearest(model, points, limit=0.0)
         if found.clearance < 0.0:
             self.first = self.first if self.close else time
             self.close += 1
@@ -255,7 +236,7 @@ class Watch:
         """One line if it was, else empty."""
         if not self.close:
             return ""
-        least, (a, b), _ = self.least
+        least, (a, b) = self.least
         return (
             f"contact.self: off, so the cable passes through itself: first at {self.first:.3g} s, "
             f"in {self.close} of {self.looks} looks, up to {-least:.2g} m deep (at {a:.3g} m and "
