@@ -101,7 +101,7 @@ class NaturalShape:
         cable.open_frame()
 
     def equals(self, other: NaturalShape) -> bool:
-        """Whether `transfer.carry_samples` takes over the same natural shape from the other one."""
+        """Whether `Cable.take_over_samples` takes over the natural shape from the other one."""
         both = self, other
         terms = {one._cable.terms & (MATERIAL | PLASTICITY) for one in both}
         cables = (one._cable.model.scene.cable for one in both)

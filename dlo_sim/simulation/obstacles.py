@@ -630,21 +630,15 @@ def rule_of(knots: tuple[float, ...], pieces: int, radius: float) -> quadrature.
 
 
 def sample_rule(knots: Array, pieces: int) -> quadrature.Quadrature:
-    """`trapezoidal` rule of so many groups of samples of a span, those of the last span a little
+    """Trapezoidal rule of so many groups of samples of a span, those of the last span a little
     closer, up to its end.
-    """
-    spans, count = len(knots) - 2 * bspline.DEGREE - 1, pieces * LANES
-    xi = np.tile(2.0 * np.arange(count) / count - 1.0, (spans, 1))
-    xi[-1] = np.linspace(-1.0, 1.0, count)
-    return trapezoidal(knots, xi)
-
-
-def trapezoidal(knots: Array, xi: Array) -> quadrature.Quadrature:
-    """Trapezoidal rule on the samples at xi (spans, k).
 
     Its weights are changed as little as makes the integrals of all basis functions exact, so that
     a cable under its own weight lies evenly on a plane, ends included.
     """
+    spans, count = len(knots) - 2 * bspline.DEGREE - 1, pieces * LANES
+    xi = np.tile(2.0 * np.arange(count) / count - 1.0, (spans, 1))
+    xi[-1] = np.linspace(-1.0, 1.0, count)
     places = quadrature.Quadrature(xi, np.ones(xi.shape)).places(bspline.breaks(knots))
     apart = np.diff(places.ravel())
     weights = (0.5 * (np.append(apart, 0.0) + np.append(0.0, apart))).reshape(xi.shape)
@@ -662,8 +656,8 @@ def trapezoidal(knots: Array, xi: Array) -> quadrature.Quadrature:
 
 def samples_by_span(knots: Array, pieces: tuple[int, int], radius: float) -> tuple[Array, Array]:
     """Basis functions, weights, and derivatives of the basis functions by the local coordinate,
-    shape (spans, samples, 9), of samples that touch rings and channels, and of those that touch all
-    else, which come first (`pieces_of`).
+    shape (spans, samples, 9), of samples that touch rings and channels, second, and of those that
+    touch all else (`pieces_of`).
     """
     found = [np.zeros((len(bspline.breaks(knots)) - 1, 0, 9))] * 2
     for k, count in enumerate(pieces):

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Mapping
-from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -327,7 +326,7 @@ class Simulator(Running):
         Raises:
             TypeError, ValueError: as `follow`, or a plan that does not begin at the present poses.
         """
-        future = deepcopy(self)
+        future = self.resumed(self.snapshot(), self.initial)
         times = checked_times(plan)
         given, count = plan.poses.items(), len(times)
         poses = {name: following.checked_path(self, name, rows, count) for name, rows in given}
