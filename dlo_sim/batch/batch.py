@@ -25,7 +25,6 @@ from dlo_sim.simulation.recording import energies_at, sample_times, steps_of
 from dlo_sim.simulation.report import Report
 from dlo_sim.simulation.resolution import resolved
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.simulation.soundness import judged
 
 Array = NDArray[np.float64]
 _TOGETHER = 16  # plans that a worker gets at a time
@@ -171,7 +170,6 @@ def _run(duration: float, every: float, asked: Asked) -> dict[str, Any]:
     if path is None:
         recorder = Recorder(simulator.model, times[1:])
         report = play(simulator, steps_of(duration, simulator.step), recorder)
-        report = judged(report, recorder)
     else:
         report, recorder = _along(simulator, duration, path, times[1:], k)
     points = np.concatenate([first, recorder.control_points])

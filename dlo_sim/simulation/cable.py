@@ -82,8 +82,8 @@ class Cable:
         self.motion[:], self.loads[:] = before.motion, before.loads
         for array, values in zip(self._lasting, before._lasting, strict=True):
             array[...] = values
-        if before.model.axes != model.axes:
-            self._set_pairs(before.arrays.state.pair, before.model.axes)
+        if before.model.axes != model.axes:  # bristles are by these
+            self.arrays.state.pair[1:] = 0.0
         self.take_contact(before)
         self.account.load_work += before.account.pending
         self._forget_history()
@@ -129,15 +129,6 @@ class Cable:
         if anew:
             self.place_obstacles(0.0)
 
-    def _set_pairs(self, pairs: Array, axes: Sequence[int]) -> None:
-        """Set the pairs of segments and the bristles between them, which are by these axes."""
-        before, own = pairs.copy(), list(self.model.axes)
-        self.arrays.state.pair[0] = before[0]
-        self.arrays.state.pair[1:] = 0.0
-        for line, axis in enumerate(axes):
-            if axis in own:  # not where a state of the plane is restored
-                self.arrays.state.pair[1 + own.index(axis)] = before[1 + line]
-
     def _begin_strands(self, before: Cable | None, released: Sequence[float]) -> None:
         """Begin the contact with itself. Pairs, bristles and overlap are those of the cable
         `before` if it touches itself by the same law; else, and where grasps have released it since
@@ -148,7 +139,7 @@ class Cable:
         if before and before.model.has(SELF) and self._touches_as(before):
             account.pairs = before.account.pairs
             account.pair_overlap = before.account.pair_overlap
-            self._set_pairs(before.arrays.state.pair, before.model.axes)
+            state.pair[:] = before.arrays.state.pair
             self.call(self_contact.reset)
             for u in released:
                 self.part_strands(u)
@@ -168,6 +159,7 @@ class Cable:
         ours, theirs = self.arrays.chain, other.arrays.chain
         return bool(
             np.array_equal(self.model.knots, other.model.knots)
+            and self.model.axes == other.model.axes
             and ours.segments == theirs.segments
             and ours.diameter == theirs.diameter
             and ours.law[self_contact.STIFFNESS] == theirs.law[self_contact.STIFFNESS]

@@ -17,7 +17,7 @@ from dlo_sim.simulation import remarks
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import WRONG, Report, Status, explained, newton_note
 from dlo_sim.simulation.running import Running
-from dlo_sim.simulation.soundness import sound_now
+from dlo_sim.simulation.soundness import judged, sound_now
 from dlo_sim.simulation.stepper import AS_BEFORE, CHUNK, Along
 
 
@@ -61,7 +61,8 @@ def play(
     """Run a simulator up to step number `until`; if it is there already, it is only judged.
 
     Returns:
-        The report of all steps, with status, message and note of the last stretch.
+        The report of all steps, with status, message and note of the last stretch; UNRESOLVED if a
+        recorded shape is no cable's.
     """
     total = Report(Status.OK, "", 0, 0.0, 0)
     while True:
@@ -74,7 +75,7 @@ def play(
         total = last.after(total)
         ends = [why for one in watchers if (why := one.look(last))]
         if simulator.steps >= until or not last.status.advanced:
-            return total
+            return total if recorder is None else judged(total, recorder)
         if ends:
             return total._replace(status=Status.INTERRUPTED, message=ends[0])
 
