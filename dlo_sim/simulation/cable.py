@@ -270,12 +270,6 @@ class Cable:
     def plastic(self, rows: Array) -> None:
         self.arrays.state.plastic[:] = to_blocks(rows)
 
-    def place(self, grasp: int, t: float) -> Array:
-        """Attachment point [m] and twist angle [rad] of a grasp at time t, shape (4,)."""
-        out = np.empty(4)
-        between_steps.grasp_place(self.motion[grasp], t, out)
-        return out
-
     @property
     def obstacles(self) -> Array:
         """Motions of the obstacles, as of grasps, a view of shape (obstacles, MOTION_SIZE)."""
@@ -393,7 +387,7 @@ class Cable:
         Args:
             time: if points between control points are held, project the configuration onto the
                 constraints at this time [s].
-            follow: the natural shape follows the change of shape.
+            follow: the natural shape, also that in the material frame, follows the cable.
         """
         self.x[:] = self.model.to_lines(points)
         if time is not None and self.model.holding.border:
@@ -405,14 +399,10 @@ class Cable:
             cleared[:] = 0.0
         self._forget_history()
         if follow:
-            self.follow()
+            if self.model.has(MATERIAL):
+                self.call(follow_to_present)
             self.flow()
         self.open_frame()
-
-    def follow(self) -> None:
-        """Let the natural shape in the material frame follow the cable to the present shape."""
-        if self.model.has(MATERIAL):
-            self.call(follow_to_present)
 
     def turn_natural(self, rows: Array, turn: Array) -> None:
         """Set the natural shape to these rows, from `to_blocks`, with their vectors turned by a
@@ -560,15 +550,13 @@ class Cable:
             self.call(between_steps.damping_forces, self.padded(rates), out)
         return self.shown(out)
 
-    def held_force(self, t: float, force: Array | None = None) -> Array:
-        """Forces of the grasps on the constraint rows at time t, shape (rows,).
-
-        Args:
-            force: all other forces, shape (lines, n); default: those of the present motion.
+    def held_force(self, t: float) -> Array:
+        """Forces of the grasps on the constraint rows in the present motion at time t, shape
+        (rows,).
         """
-        lines = self.padded(self.forces(t, self.velocities(t)) if force is None else force)
         held = np.zeros(len(self.model.holding.rows))
-        self.call(between_steps.held_force, t, lines, held)
+        forces = self.padded(self.forces(t, self.velocities(t)))
+        self.call(between_steps.held_force, t, forces, held)
         return held
 
     def stiffness(self, moments: bool = False) -> Array:
@@ -600,10 +588,10 @@ class Cable:
         """Right-hand side of the last Newton correction of an implicit step [N], shape (n, dim)."""
         return self.arrays.work.unbalanced.reshape(self.model.n, -1)
 
-    def free_acceleration(self, force: Array, keep: bool = True) -> Array:
-        """P M^-1 f of forces f, shape (lines, n); M^-1 f if `keep` is false."""
+    def free_acceleration(self, force: Array) -> Array:
+        """P M^-1 f of forces f, shape (lines, n)."""
         lines = self.padded(force)
-        self.call(between_steps.free_acceleration, lines, keep)
+        self.call(between_steps.free_acceleration, lines, True)
         return self.shown(lines)
 
     def jump(self, t: float, put: Callable[[Array], None]) -> None:
