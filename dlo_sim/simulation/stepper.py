@@ -84,6 +84,7 @@ class Stepper:
         self._cable = cable
         tolerance = cable.model.scene.integrator.tolerance
         self._constants = _constants_of(method, tolerance, self.check_every)
+        self._kept = np.empty_like(cable.state)  # new memory in every advance would take as long
         self._unrecorded = Recorder(cable.model, np.zeros(0))
         if method.family != IMPLICIT:
             # What keeps spans from turning over is a hundred times as stiff as the cable, more than
@@ -107,12 +108,14 @@ class Stepper:
             along: of these steps; implicit methods only.
         """
         recorder = self._unrecorded if recorder is None else recorder
-        kept = self._cable.state.copy()
+        if self._kept.size != self._cable.state.size:  # it has another model
+            self._kept = np.empty_like(self._cable.state)
+        self._kept[:] = self._cable.state
         done = self._called(first, steps, recorder, along)
         if done.status.ok and self._sane(first + done.steps):
             return done
         status = Status.DIVERGED if done.status.ok else done.status
-        worst, made = self._worst_point(status), self._redo(kept, first, done.steps, along)
+        worst, made = self._worst_point(status), self._redo(first, done.steps, along)
         reached = (first + made + 1e-9) * self.step
         recorder.forget(int(np.searchsorted(recorder.times, reached, side="right")))
         return Advance(status, made, done.evaluations, worst)
@@ -130,16 +133,16 @@ class Stepper:
         """Whether the state may be shown, also between two checks of the energy."""
         return self.checked(step) or self._cable.share_open() <= DIVERGED_SHARE
 
-    def _redo(self, kept: Array, first: int, made: int, along: Along) -> int:
+    def _redo(self, first: int, made: int, along: Along) -> int:
         """Repeat a failed advance up to its last good state; returns its steps."""
         last_check = first + made - (first + made) % self.check_every
         for good in (made, last_check - first):
-            self._cable.state[:] = kept
+            self._cable.state[:] = self._kept
             if good > 0:
                 self._called(first, good, self._unrecorded, along)
                 if self._sane(first + good):
                     return good
-        self._cable.state[:] = kept
+        self._cable.state[:] = self._kept
         return 0
 
     def _worst_point(self, status: Status) -> int:
