@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, STRIDED, inline, kernel
 from dlo_sim.core import bspline, mass
 from dlo_sim.engine.arrays import ANY_STRETCH, BISHOP
-from dlo_sim.methods import relax_step
+from dlo_sim.methods import between_steps, relax_step
 from dlo_sim.simulation.cable import Cable
 
 Array = NDArray[np.float64]
@@ -226,25 +226,28 @@ def _without_momentum(cable: Cable, push: Array) -> Array:
 def growth(cable: Cable, free: Array) -> float:
     """Rate [1/s], within a factor of 1.5, at which the fastest mode across grows; 0 if none does.
 
-    A mode grows with a rate above r where K + r^2 M has a negative eigenvalue. Motions within the
-    line or plane are held by a stiff guide. Twist that acts on the shape follows it.
-
     Args:
         free: projection (dim, dim) onto the directions across the line or plane.
     """
-    largest = float(np.abs(cable.stiffness()).max() / cable.model.mass(0).max())
-    guide, length = largest * (np.eye(len(free)) - free), float(cable.model.knots[-1])
-    given = guide, cable.padded(cable.x), cable.anchors, length, cable.model.has(BISHOP), False
-
-    def grows(rate: float) -> bool:
-        state = cable.state.copy()
-        stable = cable.call(relax_step.is_stable, 1.0 / rate**2, *given)
-        cable.state[:] = state  # the frames that differences of forces have moved
-        return not stable
-
-    rate = max(SLOWEST, math.sqrt(ROUNDING * largest))
-    if not grows(rate):
+    band = cable.stiffness(moments=True).copy()
+    if cable.call(between_steps.solve_held, np.zeros((1, len(band))), False) == 0:
+        return 0.0  # stable in all directions, without twist, which costs the least to know
+    largest = float(np.abs(band).max() / cable.model.mass(0).max())
+    rate, guide = max(SLOWEST, math.sqrt(ROUNDING * largest)), largest * (np.eye(len(free)) - free)
+    if not grows(cable, guide, rate):
         return 0.0
-    while grows(2.0 * rate):
+    while grows(cable, guide, 2.0 * rate):
         rate *= 2.0
     return math.sqrt(2.0) * rate
+
+
+def grows(cable: Cable, guide: Array, rate: float) -> bool:
+    """Whether a mode grows faster than with a rate r [1/s]: K + r^2 M has a negative eigenvalue,
+    with the twist that acts on the shape.
+
+    Args:
+        guide: stiffness (dim, dim) in M [1/s^2], which holds motions within the line or plane.
+    """
+    length, twist = float(cable.model.knots[-1]), cable.model.has(BISHOP)
+    given = guide, cable.padded(cable.x), cable.anchors, length, twist, False
+    return not cable.call(relax_step.is_stable, 1.0 / rate**2, *given)

@@ -11,7 +11,7 @@ import numpy as np
 from dlo_sim.engine.grasps import ACTIVE
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.simulation import obstacles, self_contact
-from dlo_sim.simulation.buckling import growth, look_due, release
+from dlo_sim.simulation.buckling import grows, growth, look_due, release
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.geometry import moved
 from dlo_sim.simulation.meshes import keep_triangles
@@ -96,6 +96,7 @@ def load_ahead(sim: Running) -> None:
     if look_due(cable):
         release(cable)
         growth(cable, np.eye(len(sim.model.axes)))  # also if nothing presses it now
+        grows(cable, np.zeros((len(sim.model.axes),) * 2), 1.0)
     cable.state[:] = state
     self_contact.nearest(sim.model, cable.points)
     sim.cable.velocities(0.0)
