@@ -18,18 +18,19 @@ from dlo_sim.core.strain import strain
 from dlo_sim.engine import contact, shapes
 from dlo_sim.engine.arrays import (
     BOXED,
+    CONTACT,
     MARGIN,
     MESHED,
     MOTION_SIZE,
     ROUND,
     TUBED,
-    CableArrays,
 )
 from dlo_sim.engine.arrays import Contact as ContactArrays
 from dlo_sim.engine.grasps import FRAME, POSITION
 from dlo_sim.scene.description import EARTH, Obstacle, Scene
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.meshes import Field, field_of, triangles_of
+from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
 Pressure = tuple[Array, Array]
@@ -427,14 +428,14 @@ def passes(cable: Cable, number: int) -> Array:
     return np.asarray(low[np.hypot(x, y) < opening])
 
 
-def thin_warning(scene: Scene) -> str:
+def thin_warning(model: Model) -> str:
     """One line if samples of the cable are further apart than an obstacle is thick, else empty."""
-    if not scene.touches:
+    scene, group = model.scene, model.arrays.contact
+    if not model.has(CONTACT):
         return ""
-    spans = scene.discretization.control_points - bspline.DEGREE
-    pieces, guide_pieces = pieces_of(scene)
+    spans = model.n - bspline.DEGREE
     for obstacle in scene.bodies:
-        count = guide_pieces if obstacle.shape in GUIDES else pieces
+        count = group.guide_pieces if obstacle.shape in GUIDES else group.pieces
         apart = scene.cable.length / (spans * LANES * max(count, 1))
         _, half, reach = core_of(obstacle, 0.5 * scene.cable.diameter)
         if obstacle.shape != "plane" and apart > 2.0 * (min(half) + reach):
@@ -576,12 +577,12 @@ def pieces_of(scene: Scene) -> tuple[int, int]:
     return wanted, in_guides
 
 
-def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
+def fill(model: Model) -> None:
     """Constants of the contact with the obstacles of a scene."""
-    group, radius = arrays.contact, 0.5 * scene.cable.diameter
+    scene, group = model.scene, model.arrays.contact
+    radius = 0.5 * scene.cable.diameter
     group.count = len(group.core)
-    group.pieces, group.guide_pieces = pieces_of(scene)
-    group.still[:] = still
+    group.still[:] = model.rest
     group.density, group.restitution = scene.cable.mu, scene.contact.restitution
     group.least_margin = scene.cable.diameter
     group.radius = radius
@@ -596,7 +597,8 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
             _fill_field(obstacle, radius, group, k)
         # The cable is never further from what it touches.
         group.extent[k] = 2.0 * scene.cable.length if flat else math.hypot(*core.half)
-    write_samples(group, *samples_by_span(knots, (group.pieces, group.guide_pieces), radius))
+    pieces = group.pieces, group.guide_pieces
+    write_samples(group, *samples_by_span(model.knots, pieces, radius))
 
 
 def _fill_field(obstacle: Obstacle, radius: float, group: ContactArrays, number: int) -> None:

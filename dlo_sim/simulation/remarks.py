@@ -103,7 +103,7 @@ def warnings(sim: Running, found: Mapping[str, obstacles.Contact]) -> tuple[str,
     lines = (
         sim.noticed.unstable_first,
         open_balance(sim),
-        obstacles.thin_warning(scene),
+        obstacles.thin_warning(sim.model),
         obstacles.mesh_warning(scene),
         obstacles.depth_warning(scene, float(cable.account.contact_deep)),
         *(obstacles.overlap_warning(*key, *seen) for key, seen in sim.noticed.overlaps.items()),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, ARRAY_3D, inline, kernel
 from dlo_sim.core import bspline
 from dlo_sim.core.bspline import ACTIVE
-from dlo_sim.engine.arrays import CONTACT, SELF, CableArrays
+from dlo_sim.engine.arrays import CONTACT, SELF
 from dlo_sim.engine.contact import RETURN
 from dlo_sim.engine.self_contact import LONGEST
 from dlo_sim.scene.description import EARTH, Scene
@@ -61,10 +61,10 @@ def stiffness(scene: Scene, segment: float) -> float:
     return max(hung, thrown)
 
 
-def fill(scene: Scene, arrays: CableArrays, knots: Array) -> None:
+def fill(model: Model) -> None:
     """Constants of the contact of the cable of a scene with itself."""
-    chain, diameter = arrays.chain, scene.cable.diameter
-    chain.segments = count = arrays.sizes["segments"]
+    scene, chain, knots = model.scene, model.arrays.chain, model.knots
+    diameter, count = scene.cable.diameter, chain.segments
     ends = bspline.breaks(knots)
     lengths = np.diff(ends)
     xi = np.tile(2.0 * np.arange(count + 1) / count - 1.0, (len(lengths), 1))
