@@ -29,12 +29,8 @@ def largest_frequency(scene: Scene, cable: Cable) -> float:
         value = max(value, twisting)
     if model.has(TORSION):
         value = with_torsion(value, scene, model)
-    return _without_rounding(value)
-
-
-def _without_rounding(frequency: float) -> float:
-    """Ten digits: LAPACK rounds the others differently on another processor, and steps follow."""
-    return float(f"{frequency:.10g}")
+    # Ten digits: LAPACK rounds the others differently on another processor, and steps follow.
+    return float(f"{value:.10g}")
 
 
 def _lanczos(cable: Cable) -> float:
