@@ -32,7 +32,6 @@ from dlo_sim.session.waiting import LoadMessage, LoadSchedule, TakeMessage, Wait
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.error_estimate import ErrorEstimate
-    from dlo_sim.simulation.geometry import Pose
     from dlo_sim.simulation.report import Report
     from dlo_sim.simulation.running import Snapshot
     from dlo_sim.simulation.simulator import Simulator
@@ -180,7 +179,7 @@ class Drive:
             for name, path in self.paths.items():
                 path.skip_to(origin, *self.simulator.end_pose(name))
         if self.scene.estimates_errors and not self._too_slow:
-            self._estimate_by(_estimate(self.simulator, None if saved is not None else poses))
+            self._estimate_by(_estimate(self.simulator, begins=saved is None))
         return saved is not None
 
     def clear(self) -> None:
@@ -482,15 +481,11 @@ class Drive:
             self.simulator.set_motion(name, rest.motion)
 
 
-def _estimate(simulator: Simulator, poses: Mapping[str, Pose] | None = None) -> ErrorEstimate:
-    """The estimate of the error of a simulator that was placed at these poses, or (None) that
-    continues from its present state.
-    """
+def _estimate(simulator: Simulator, begins: bool = False) -> ErrorEstimate:
+    """The estimate of the error of a simulator that begins, or that goes on from its state."""
     from dlo_sim.simulation.error_estimate import ErrorEstimate  # imports the compiler
 
-    if poses is None:
-        return ErrorEstimate.continued(simulator)
-    return ErrorEstimate.placed(simulator, poses)
+    return ErrorEstimate(simulator) if begins else ErrorEstimate.continued(simulator)
 
 
 def _taken(scene: Scene) -> dict[str, bool]:
