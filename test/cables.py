@@ -129,9 +129,11 @@ def simulator(*values, **more):
 
 
 def solve_held(cable, unknowns, transposed=False):
-    """Solve band x = unknowns, or band^T x = unknowns, in place with the constraint rows fixed, and
-    return the number of negative pivots, or -1 if a pivot is not usable; unknowns: shape (n lines,),
-    or one row for each right-hand side."""
+    """Solve band x = unknowns, or band^T x = unknowns, in place with the constraint rows fixed.
+
+    Returns the number of negative pivots, or -1 if a pivot is not usable. unknowns: shape
+    (n lines,), or one row for each right-hand side.
+    """
     rows = unknowns.reshape(-1, cable.model.n * cable.model.lines)
     return cable.call(between_steps.solve_held, rows, transposed)
 
