@@ -1,5 +1,5 @@
-"""Forces and energies of a scene, as the methods call them: stretching, bending, twisting theta'^2,
-weight and springs, then the optional terms, whose functions do nothing for a cable without the
+"""Forces and energies of a scene, as the methods call them: stretching, bending, weight and
+springs, then the optional terms, whose functions do nothing for a cable without the
 term. A new term is added here; `engine.term` has the signatures of its functions.
 """
 
@@ -30,7 +30,6 @@ from dlo_sim.engine.arrays import (
     GRAVITY,
     LINES,
     MARGIN,
-    MATERIAL,
     PLASTICITY,
     SPRING,
     STRETCHING,
@@ -60,7 +59,7 @@ def all_forces(cable, x, out):
     elastic_force(cable, x, out)
     spring_force(cable, x, 1.0, NO, out)
     spring_force(cable, x, 1.0, YES, out)
-    natural_force(cable, x, x, cable.terms & MATERIAL != 0, YES, out)
+    natural_force(cable, x, x, out)
     torsion.force(cable, x, x, out)
     pressure.force(cable, x, x, out)
     buoyancy.force(cable, x, x, out)
@@ -106,7 +105,7 @@ def discrete_gradient(cable, x0, x1, moved, viscous, out):
     these dissipate (`elastic.discrete_force`). Implicit steps add twist and contact themselves.
     """
     lost = discrete_force(cable, x0, x1, moved, viscous, out)
-    natural_force(cable, x0, x1, cable.terms & MATERIAL != 0, YES, out)
+    natural_force(cable, x0, x1, out)
     pressure.force(cable, x0, x1, out)
     buoyancy.force(cable, x0, x1, out)
     return lost

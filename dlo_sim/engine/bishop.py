@@ -114,8 +114,8 @@ def step_force(cable, x0, x1, viscous, discrete, out):
             t1, k1 = tangent_at(q, xi), bending_at(q, xi, s)
             change, gradient = tau_between(t0, k0, t1, k1)
             rate = 0.5 * change
-            if not discrete:
-                rate, change = change, zero()
+            if not discrete:  # x1 is the middle
+                rate, change = change, 2.0 * change
                 gradient = tau_between(t1, k1, t1, k1)[1]
             theta0, theta1 = polynomial(angle0, xi), polynomial(angle1, xi)
             change += theta1 - theta0

@@ -11,7 +11,7 @@ with theta (`terms.material_frame`), which couples bending to twist.
 
 from __future__ import annotations
 
-from numba import boolean, int64, void
+from numba import int64, void
 
 from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import lane_sum, sqrt, zero
@@ -121,9 +121,11 @@ def turn_polynomial(cable, b, x):
     return p[0] - q[0], p[1] - q[1], p[2] - q[2], p[3] - q[3]
 
 
-@kernel(void, CABLE, LINES, LINES, boolean, boolean, LINES, terms=CURVED)
-def natural_force(cable, x0, x1, turn, push, out):
-    """out -= discrete gradient between x0 and x1, on theta (`turn`) and the centreline (`push`)."""
+@kernel(void, CABLE, LINES, LINES, LINES, terms=CURVED)
+def natural_force(cable, x0, x1, out):
+    """out -= discrete gradient between x0 and x1, on the centreline and, in the material frame, on
+    theta.
+    """
     mesh, state = cable.mesh, cable.state
     follows = cable.terms & MATERIAL != 0
     for b in range(cable.blocks):
@@ -165,19 +167,17 @@ def natural_force(cable, x0, x1, turn, push, out):
                 dot(ta, ta), dot(tb, tb),
                 triple(n0, ta, ka), triple(n1, tb, kb),
             )  # fmt: skip
-            if turn:
+            if follows:
                 twisted = add_cubic(twisted, on_e * on_angle, xi)
-            if push:
-                n = combined(0.5, n0, 0.5, n1)
-                on_t = combined(on_e, on_t, 2.0 * on_c, t)
-                on_t = combined(1.0, on_t, on_e, cross(k, n))
-                on_k = combined(on_e, cross(n, t), 0.0, t)
-                g0 = add_sample(g0, on_t[0], s * on_k[0], xi)
-                g1 = add_sample(g1, on_t[1], s * on_k[1], xi)
-                g2 = add_sample(g2, on_t[2], s * on_k[2], xi)
-        if push:
-            scatter_lines(cable, b, g0, g1, g2, -1.0, out)
-        if turn:
+            n = combined(0.5, n0, 0.5, n1)
+            on_t = combined(on_e, on_t, 2.0 * on_c, t)
+            on_t = combined(1.0, on_t, on_e, cross(k, n))
+            on_k = combined(on_e, cross(n, t), 0.0, t)
+            g0 = add_sample(g0, on_t[0], s * on_k[0], xi)
+            g1 = add_sample(g1, on_t[1], s * on_k[1], xi)
+            g2 = add_sample(g2, on_t[2], s * on_k[2], xi)
+        scatter_lines(cable, b, g0, g1, g2, -1.0, out)
+        if follows:
             scatter_values(mesh, b, twisted, -1.0, out[cable.dim])
 
 

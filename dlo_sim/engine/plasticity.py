@@ -37,6 +37,9 @@ from dlo_sim.terms.material_frame import unit
 from dlo_sim.terms.vectors import combined, cross, dot
 
 TINY = 1e-300
+# Excess over the yield moment, in it, up to which the Jacobian is elastic: at rest flow may turn
+# back, and with a matrix that is too soft a single correction of a step overshoots.
+YIELDED = 1e-7
 # Entries of `state.plastic` at a quadrature point: plastic curvature p from 0, and from here the
 # unit tangent and the curvature at the end of the last step.
 TANGENT, CURVATURE = 3, 6
@@ -83,7 +86,7 @@ def slip_derivative(cable, b, kappa, p):
     moment = sqrt(dot(m, m)) + TINY
     held = cable.physics.yield_moment / moment
     flows = 0.5 if cable.state.balance.slip > 0.0 else 0.0
-    change = where(1.0 - held, flows * stiffness / (whole + TINY), 0.0)
+    change = where(1.0 - YIELDED - held, flows * stiffness / (whole + TINY), 0.0)
     return change, change * (1.0 - held), combined(1.0 / moment, m, 0.0, m)
 
 

@@ -18,9 +18,8 @@ that what is stiff does not ring.
 **The solution.** `begin_step` predicts q1 and moves the constraint rows to their targets. Then the
 forces (`step_force`), the residual of the momentum balance (`set_residual`) and a correction
 (`correct`) alternate until the energy error of the step is small. Corrections are Newton's with the
-Jacobian of `engine.elastic`, without the plastic flow within the step, and with the tension, an
-unknown of its own, that the last correction predicted (`engine.tension`); between two
-factorisations they are Broyden's.
+Jacobian of `engine.elastic`, whose tension, an unknown of its own, is the one that the last
+correction predicted (`engine.tension`); between two factorisations they are Broyden's.
 `finish_step` updates velocities, reactions and the energy balance. `try_step` is all of this. A
 step that does not converge is rejected and repeated in halves, quarters, ... of its length
 (`implicit_step`).
@@ -464,11 +463,7 @@ def newton_matrix(cable, t0, tau, a, discrete):
         if is_viscous(cable):
             viscous = 1.0 / tau
     begin, end = (work.start, state.x) if discrete else (middle, middle)
-    # Without plastic flow, which may turn back: with a matrix that is too soft a single correction
-    # would overshoot, and at rest there is only one in a step.
-    slip, state.balance.slip = state.balance.slip, 0.0
     discrete_jacobian(cable, begin, end, viscous, 0.5 + twist_damping(cable, tau), 1.0, matrix)
-    state.balance.slip = slip
     if cable.terms & CONTACT:
         contact.add_tangent(cable, YES, 1.0, matrix)
     add_springs(cable, 0.5, matrix)
@@ -1070,11 +1065,12 @@ def implicit_step(method, cable, step, tau):
     at = 0.0
     for k in range(method.stages):
         t0, length = step * tau + at * tau, method.substeps[k] * tau
-        # Contact changes its mind: only without it does Newton's method converge quadratically, or
-        # soon is hopeless. A cable that is stretched by far is not stiff along itself: a tension
-        # predicted to first order is then worse than that of the shape.
+        # Contact changes its mind, and twist acts on the shape in second order of a step: only
+        # without them does Newton's method converge quadratically, or soon is hopeless. A cable
+        # that is stretched by far is not stiff along itself: a tension predicted to first order is
+        # then worse than that of the shape.
         keeps_length = cable.physics.keeps_length != 0.0
-        wary = cable.terms & (CONTACT | SELF) != 0 and not keeps_length
+        wary = cable.terms & (CONTACT | SELF | BISHOP) != 0 and not keeps_length
         careful = wary
         level, done = 0, 0  # `done` in units of 2^-MAX_HALVINGS of the substep
         while done < whole:
