@@ -16,8 +16,8 @@ Whether it is stable is asked as in the search for an equilibrium (`methods.rela
 twist that acts on the shape. Nothing is pushed where the stiffness does not tell: of a bent cable
 under moments, which are not conservative, it is not symmetric.
 
-Under torsion a straight cable coils, which only twist that acts on the shape shows; for other
-models of twist there is a warning.
+Under torsion a straight cable coils, with twist that acts on the shape; for other models of twist
+there is a warning.
 """
 
 from __future__ import annotations
@@ -147,9 +147,9 @@ def extent(x: Array, lines: int, least: float, found: Array) -> int:
 @kernel(int64, STRIDED, int64, float64, ARRAY, boolean, ARRAY_2D)
 def lies_in(x: Array, lines: int, least: float, knots: Array, pressed: bool, free: Array) -> int:
     """1 if all control points lie on a line, somewhere compressed, 2 if in a plane, to `least` [m],
-    and the projection onto the directions across it into `free`, else 0. `pressed`: that it is
-    compressed is known, though it does not show. In compiled code it takes
-    1 us, not 30, at every look at a straight cable.
+    and the projection onto the directions across it into `free`, else 0. `pressed`: whether it may
+    be unstable although no span is compressed. In compiled code it takes 1 us, not 30, at every
+    look at a straight cable.
     """
     within = np.empty((3, 3))
     count = extending(x, lines, least, within)
@@ -183,8 +183,8 @@ def _extent(cable: Cable, tolerance: float) -> Array:
 
 def _across(cable: Cable) -> Array | None:
     """Projection (dim, dim) onto the directions across the line or plane in which all control
-    points lie; None if there is none, if its stability is not known, or if the cable is straight
-    and nowhere compressed.
+    points lie; None if there is none, if its stability is not known, or if the cable is straight,
+    nowhere compressed, and not twisted by Greenhill's moment of one that is hinged, 2 pi EI / L.
     """
     dim, knots = len(cable.model.axes), cable.model.knots
     if not cable.model.has(ANY_STRETCH):
@@ -192,6 +192,9 @@ def _across(cable: Cable) -> Array | None:
     free = np.empty((dim, dim))
     tension = cable.arrays.state.tension  # of a cable of constant length, which does not shorten
     pressed = bool(cable.arrays.physics.keeps_length and np.min(tension) < 0.0)
+    if cable.model.has(BISHOP):
+        rod = cable.model.scene.cable
+        pressed = pressed or float(np.ptp(cable.x[dim])) * rod.GJ > 2.0 * math.pi * rod.EI
     lying = lies_in(cable.x, dim, EXACT * float(knots[-1]), knots, pressed, free)
     moments = lying == 2 and cable.loads.size and cable.loads[:, 3:6].any()
     return None if lying == 0 or moments else free

@@ -99,6 +99,15 @@ def test_tension_puts_off_buckling(share, stable, twist):
     assert (largest(sim, [1, 2], 16.0) < 3e-5) == stable
 
 
+@pytest.mark.parametrize(("share", "stable"), [(0.9, True), (1.2, False)])
+def test_a_straight_shaft_on_which_nothing_else_acts_coils(share, stable):
+    """Greenhill's moment of a clamped shaft is 8.987 EI / L; without weight nothing disturbs it."""
+    sim = held(gravity=[0.0, 0.0, 0.0])
+    roll(sim, share * moment_at_buckling(1e-3) * sim.scene.cable.EI / sim.scene.cable.GJ)
+    sim.advance(16.0)
+    assert (np.abs(sim.control_points[:, 1:3]).max() == 0.0) == stable
+
+
 def test_quasistatic_twist_is_at_rest_in_every_step():
     """A roll within the time in which a wave of twist passes three times."""
     sim = held(terms__twist="quasistatic", gravity=[0.0, 0.0, 0.0], damping__mass=0.0)
