@@ -90,7 +90,7 @@ TOLERANCE = 1e-10  # of the cable's length, movement of a step that counts as re
 ROUND_OFF = 1e-6  # the same where steps do not shrink any more
 FAST, SLOW = 0.5, 0.9  # movement that counts as progress, relative to the least so far
 PATIENCE = 6  # steps without progress after which they do not
-NUDGE = 1e-6  # of the length
+NUDGE = 3e-5  # of the length; with 1e-6 slack falls on a plane to a side that depends on the knots
 STEADY = 1e5  # pseudo-time of the stiffness that must be positive at rest, in `_Search.patient`
 # Shares of the first step in which a cable only comes to its length, and falls as little as may be.
 PROJECTING = 1e-4, 1e-3, 1e-2
