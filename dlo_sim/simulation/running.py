@@ -592,7 +592,7 @@ class Running:
 
     def lay_unslipped(self) -> None:
         """Lay the natural shape along the present shape."""
-        frames = self.curve.poses(self.natural.places, self.time)[:, 3:]
+        frames = self.curve.frames(self.natural.places, self.time)
         self.natural.lay(self.start_orientation, frames)
 
     @property
