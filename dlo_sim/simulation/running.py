@@ -581,7 +581,7 @@ class Running:
 
     def turn_natural_shape(self) -> None:
         """Turn the natural shape with the start's end effector, which does the work."""
-        self.natural.turn(self.start_orientation)
+        self.natural.turn(lambda: self.start_orientation)
 
     def lay_natural_shape(self) -> None:
         """Lay the natural shape along the present shape, with plastic flow as if bent in one
