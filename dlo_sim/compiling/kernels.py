@@ -89,7 +89,7 @@ def _not_loaded() -> None:
 
 _NOT_LOADED_AT = ctypes.cast(_not_loaded, ctypes.c_void_p).value
 _called: list[Kernel] = []  # those that compiled functions call
-_loaded: set[tuple[int, int]] = set()  # terms, and how many there were
+_loaded: set[int] = set()  # terms for which all of these are
 
 
 class Kernel:
@@ -116,6 +116,7 @@ class Kernel:
         if not config.DISABLE_JIT and any(isinstance(k, (Grid, GroupKind)) for k in signature.args):
             _make_callable(self, signature, self._address.ctypes.data)
             _called.append(self)
+            _loaded.clear()
 
     @property
     def name(self) -> str:
@@ -130,10 +131,10 @@ class Kernel:
         """The function for Python; it and all that compiled functions may call for these terms are
         compiled or read from disk at the first use.
         """
-        if config.DISABLE_JIT:
-            return self.function
         terms |= self.family
-        if self._code is None or (terms, len(_called)) not in _loaded:
+        if self._code is None or terms not in _loaded:
+            if config.DISABLE_JIT:
+                return self.function
             with _collector_waits(), many_kept():
                 load(terms)
                 self._code = self._code or self._compiled(njit, nogil=True, no_cfunc_wrapper=True)
@@ -167,11 +168,11 @@ class Kernel:
 
 def load(terms: int) -> None:
     """Compile or read from disk all that compiled functions may call for these terms."""
-    if (terms, len(_called)) not in _loaded:
+    if terms not in _loaded:
         for called in _called:
             if called.is_needed(terms):
                 called.load_native()
-        _loaded.add((terms, len(_called)))
+        _loaded.add(terms)
 
 
 @contextlib.contextmanager

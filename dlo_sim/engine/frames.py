@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import float64, int64, void
+from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, STRIDED, STRIDED_WHOLES, inline, kernel
 from dlo_sim.engine.arrays import MARGIN, cable_at
@@ -76,27 +76,40 @@ def transport(points, columns, values, slopes, reference, out):
         write_quaternion(t, m, cross(t, m), out[i])
 
 
-@kernel(void, int64, ARRAY_2D)
-def control_points(address, out):
+@inline
+def write_points(cable, out):
     """Write the coordinates of the cable to the columns x, y, z, theta of out, (n, 4)."""
-    cable = cable_at(address)
     for line in range(cable.lines):
         column = cable.axes[line] if line < cable.dim else 3
         for i in range(cable.n):
             out[i, column] = cable.state.x[line, MARGIN + i]
 
 
+@kernel(void, int64, ARRAY_2D)
+def control_points(address, out):
+    """`write_points` for Python."""
+    write_points(cable_at(address), out)
+
+
 @kernel(
     *(void, int64, ARRAY_2D, STRIDED_WHOLES, STRIDED, STRIDED),
-    *(float64, ARRAY, ARRAY_2D),
+    *(float64, ARRAY, ARRAY, boolean, ARRAY_2D),
 )
-def curve_frames(address, points, columns, values, slopes, t, direction, out):
+def curve_frames(address, points, columns, values, slopes, t, direction, origin, own, out):
     """`transport`, with a reference that has this direction in the frame of the start's end
     effector at time t.
+
+    Args:
+        points: for `write_points`. origin: added to the points in `out`. own: whether these are the
+            control points, as many as samples, instead of points of the curve.
     """
-    m = cable_at(address).inputs.motion[0]
-    reference = turned(m, t, direction[0], direction[1], direction[2])
+    cable = cable_at(address)
+    write_points(cable, points)
+    reference = turned(cable.inputs.motion[0], t, direction[0], direction[1], direction[2])
     transport(points, columns, values, slopes, reference, out)
+    for i in range(out.shape[0]):
+        for axis in range(3):
+            out[i, axis] = (points[i, axis] if own else out[i, axis]) + origin[axis]
 
 
 @inline

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from numba import int64, void
+from numba import boolean, int64
 
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, inline, kernel
 from dlo_sim.engine.arrays import SLIDING, cable_at
 from dlo_sim.engine.bishop import edge, span_tangent
+from dlo_sim.engine.frames import write_points
 from dlo_sim.engine.grasps import component
 from dlo_sim.engine.sliding import END, LOST, STIFFNESS, TURNING, basis_at, gaps
 from dlo_sim.engine.springs import rolls, row_of, spring_stiffness, spring_value
@@ -33,17 +34,25 @@ def add_moment(cable, f, t, out):
         out[3 + cable.axes[d]] += f * component(t, d)
 
 
-@kernel(void, int64, int64, ARRAY, ARRAY_2D, ARRAY, ARRAY)
+@kernel(boolean, int64, int64, ARRAY, ARRAY_2D, ARRAY, ARRAY)
 def add_wrench(address, grasp, rows, points, about, out):
     """out += force [N] and moment [N m] of a grasp on the cable, world axes, shape (6,).
 
     A constraint row with multiplier F (`rows`, one for each; if empty the mean over the last two
     steps) and direction e applies Q = F e to sum_k b_k x_k: the force (sum_k b_k) Q and
-    the moment (sum_k b_k (x_k - x_e)) x Q about a point x_e (`about` [m], (3,); `points` [m],
-    (n, 4)). A twist row is a moment about the tangent at its end. Springs contribute their present
-    forces.
+    the moment (sum_k b_k (x_k - x_e)) x Q about a point x_e (`about` [m], (3,); if empty the end of
+    the cable that the grasp holds). A twist row is a moment about the tangent at its end. Springs
+    contribute their present forces. `points`: for `write_points`.
+
+    Returns:
+        Whether the reactions are known; if not, and none are given, nothing is added.
     """
     cable = cable_at(address)
+    if len(rows) == 0 and cable.rows.count > 0 and cable.state.balance.reactions == 0.0:
+        return False
+    write_points(cable, points)
+    if len(about) == 0:
+        about = points[grasp * (cable.n - 1), :3]
     given, points, about, out = grid(rows), grid(points), grid(about), grid(out)
     rows, state, dim = cable.rows, cable.state, cable.dim
     for k in range(rows.count):
@@ -75,6 +84,7 @@ def add_wrench(address, grasp, rows, points, about, out):
         else:
             add_force(weights, points, begin, f, cable.axes[rows.line[row]], about, out)
     add_slide_forces(cable, grasp, points, about, out)
+    return True
 
 
 @inline

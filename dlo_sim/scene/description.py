@@ -233,7 +233,7 @@ class Scene:
         moments = any(load.type == "wrench" for load in self.loads)
         return turned or moments or self.is_rolled
 
-    @property
+    @cached_property
     def touches(self) -> bool:
         """Whether there are obstacles that the cable touches, or may come."""
         return bool(self.bodies or self.contact.markers) and self.terms.contact != "off"

@@ -39,21 +39,17 @@ class Curve:
         points = self._cable.points[:, :3].take(columns, axis=0)
         return np.einsum("mk,mkd->md", values, points) + self._cable.model.origin
 
-    def poses(self, u: Array, time: float) -> Array:
-        """Points in the cable's coordinates [m], and material frames at u at time [s] as
-        quaternions x, y, z, w, shape (len(u), 7).
-        """
+    def frames(self, u: Array, time: float) -> Array:
+        """Material frames at u at time [s] as quaternions x, y, z, w, shape (len(u), 4)."""
         poses = np.empty((len(u), 7))
-        self._write(self._cable.points, u, time, poses)
-        return poses
+        self._write(u, time, False, poses)
+        return poses[:, 3:]
 
     def control_poses(self, time: float, out: Array) -> None:
         """Write every control point [m], world frame, with the material frame at its material
         coordinate, into out, shape (n_u, 7).
         """
-        points = self._cable.points
-        self._write(points, self.greville, time, out)
-        out[:, :3] = points[:, :3] + self._cable.model.origin
+        self._write(self.greville, time, True, out)
 
     def taken(self, share: float, length: float, position: Array, orientation: Array) -> Geometry:
         """How a gripper at this pose, in the cable's coordinates, holds the cable if it takes it as
@@ -82,11 +78,13 @@ class Curve:
         columns, values, _ = self._basis(np.array([u]))
         return float((values[0] * points[columns[0], 3]).sum())
 
-    def _write(self, points: Array, u: Array, time: float, out: Array) -> None:
-        """Points of the curve and material frames, whose second axis at the start is fixed in the
-        start's end effector, into out, shape (m, 7).
+    def _write(self, u: Array, time: float, own: bool, out: Array) -> None:
+        """Points of the curve, or its `own` control points, and material frames, whose second axis
+        at the start is fixed in the start's end effector, into out, shape (m, 7).
         """
-        self._cable.call(curve_frames, points, *self._basis(u), time, self._axis, out)
+        model = self._cable.model
+        given = model.blank.copy(), *self._basis(u), time, self._axis, model.origin, own
+        self._cable.call(curve_frames, *given, out)
 
     def _basis(self, u: Array) -> Basis:
         """Indices of the active control points, basis values and derivatives at u, each (m, 4);

@@ -9,6 +9,7 @@ start's end effector as a whole.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,10 +56,10 @@ class NaturalShape:
             cable.natural = turned_rows(rows, self._turn(orientation))
             between_steps.turn_natural.code()  # a tick must not have to compile it
 
-    def turn(self, orientation: Array) -> None:
+    def turn(self, orientation: Callable[[], Array]) -> None:
         """Turn with the start's end effector, which does the work."""
         if self._turning is not None:
-            self._cable.turn_natural(self._turning, self._turn(orientation))
+            self._cable.turn_natural(self._turning, self._turn(orientation()))
 
     def turns_along(self, motions: Array) -> tuple[Array, Array]:
         """What turns with the start's end effector, for `stepper.Along`.

@@ -11,7 +11,7 @@ from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
-_OF_LAST_STEPS = np.zeros(0)  # tells `add_wrench` to use the reactions of the last steps
+_NONE = np.zeros(0)  # tells `add_wrench` to take the reactions of the last steps, about the end
 
 
 def reaction(cable: Cable, t: float, grasp: int) -> Array:
@@ -21,13 +21,10 @@ def reaction(cable: Cable, t: float, grasp: int) -> Array:
     two steps of an implicit method, from one to the next of which that of a stiff cable alternates
     after a jump; else the present value. The part of the springs is the present value.
     """
-    rows = _OF_LAST_STEPS
-    if not cable.account.reactions:
-        rows = cable.held_force(t)
-    points = cable.points
-    about = points[-grasp, :3] if grasp < 2 else _place_of(cable.model, grasp, points, cable.slides)
-    wrench = np.zeros(6)
-    cable.call(add_wrench, grasp, rows, points, about, wrench)
+    points, wrench = cable.model.blank.copy(), np.zeros(6)
+    about = _NONE if grasp < 2 else _place_of(cable.model, grasp, cable.points, cable.slides)
+    if not cable.call(add_wrench, grasp, _NONE, points, about, wrench):
+        cable.call(add_wrench, grasp, cable.held_force(t), points, about, wrench)
     return wrench
 
 

@@ -69,6 +69,8 @@ class Report(NamedTuple):
 
     def after(self, before: Report) -> Report:
         """This one with the steps and evaluations of the run before it, too."""
+        if not before.steps:
+            return self
         return self._replace(
             steps=before.steps + self.steps,
             simulated=before.simulated + self.simulated,

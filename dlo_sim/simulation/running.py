@@ -581,7 +581,7 @@ class Running:
 
     def turn_natural_shape(self) -> None:
         """Turn the natural shape with the start's end effector, which does the work."""
-        self.natural.turn(self.start_orientation)
+        self.natural.turn(lambda: self.start_orientation)
 
     def lay_natural_shape(self) -> None:
         """Lay the natural shape along the present shape, with plastic flow as if bent in one
@@ -592,7 +592,7 @@ class Running:
 
     def lay_unslipped(self) -> None:
         """Lay the natural shape along the present shape."""
-        frames = self.curve.poses(self.natural.places, self.time)[:, 3:]
+        frames = self.curve.frames(self.natural.places, self.time)
         self.natural.lay(self.start_orientation, frames)
 
     @property

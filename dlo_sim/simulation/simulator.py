@@ -218,7 +218,7 @@ class Simulator(Running):
         Raises:
             TypeError, ValueError: as `centerline`.
         """
-        return self.curve.poses(_coordinates(u), self.time)[:, 3:]
+        return self.curve.frames(_coordinates(u), self.time)
 
     def control_poses(self, out: Array) -> None:
         """Write into out, shape (n_u, 7), every control point [m] with the material frame at its

@@ -76,9 +76,8 @@ def sound_now(cable: Cable, ends: EndDrive, time: float) -> str:
     model = cable.model
     if not model.has(ANY_STRETCH):
         return ""
-    places, by_span = _places(model.knots.tobytes()), model.has(SPAN_STRETCH)
-    shape, given = np.empty((1, model.n, 3)), (time, ends.clamps)
-    if cable.call(is_sound, *given, shape, places.slopes, places.projection, by_span):
+    places = _places(model.knots.tobytes())
+    if cable.call(is_sound, time, ends.clamps, places.slopes, places.projection):
         return ""
     return unexplained_stretch(model, cable.points, ends, time)
 
@@ -92,23 +91,15 @@ def leaves_clamp_backwards(points: Array, ends: EndDrive, time: float = 0.0) -> 
     return ""
 
 
-@kernel(boolean, int64, float64, int64, ARRAY_3D, ARRAY_3D, ARRAY_3D, boolean)
-def is_sound(
-    address: int,
-    t: float,
-    clamps: int,
-    shape: Array,
-    slopes: Array,
-    projection: Array,
-    by_span: bool,
-) -> bool:
+@kernel(boolean, int64, float64, int64, ARRAY_3D, ARRAY_3D)
+def is_sound(address: int, t: float, clamps: int, slopes: Array, projection: Array) -> bool:
     """Whether `unexplained_stretch` has nothing to say of the cable at an address at time t.
 
     Args:
-        clamps: bits of the clamped ends (`EndDrive.clamps`). shape: for its points, (1, n, 3).
+        clamps: bits of the clamped ends (`EndDrive.clamps`).
     """
     cable = cable_at(address)
-    shape[:] = 0.0
+    shape, by_span = np.zeros((1, cable.n, 3)), cable.terms & SPAN_STRETCH != 0
     for axis in range(cable.dim):
         for i in range(cable.n):
             shape[0, i, cable.axes[axis]] = cable.state.x[axis, MARGIN + i]

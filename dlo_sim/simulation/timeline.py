@@ -31,9 +31,8 @@ class Change(NamedTuple):
 
     def repeat(self, simulator: object, began: float) -> None:
         """Make it on another simulator, which began at a time [s] of the first one."""
-        given, named = deepcopy((self.given, self.named))
-        earlier = [one.later(-began) if isinstance(one, EndMotion) else one for one in given]
-        getattr(simulator, self.name)(*earlier, **named)
+        earlier = [one.later(-began) if isinstance(one, EndMotion) else one for one in self.given]
+        getattr(simulator, self.name)(*earlier, **self.named)
 
 
 class Followed(Protocol):
