@@ -162,8 +162,13 @@ class Bench:
     def pull_to(self, t):
         """Put the anchors of the springs where they are at time t."""
         for k, spring in enumerate(self.model.holding.springs):
-            place = self.drive.place_at(list(self.scene.holders)[spring.grasp], t)
+            place = self.placed(spring.grasp, t)
             self.cable.anchors[k] = place[self.axes[spring.line]]
+
+    def placed(self, grasp, t):
+        """Attachment point and twist angle of a grasp at time t."""
+        name = list(self.scene.holders)[grasp]
+        return np.append(self.drive.place_at(name, t), self.cable.held_twists(t)[grasp])
 
     def put(self, points):
         """Make a configuration the present one."""
@@ -219,7 +224,7 @@ class Bench:
             full = np.zeros((self.n, self.model.lines))
             full[point.first : point.first + 4] = np.outer(point.weights, along)
             rows.append(full.ravel())
-            place = self.drive.place_at(end, t)[columns]
+            place = self.placed(row.grasp, t)[columns]
             values.append(sum(point.weights) * along @ place)
         return np.array(rows), np.array(values)
 

@@ -35,6 +35,8 @@ from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, VECTOR
 from dlo_sim.engine.band import invert_in_place
 from dlo_sim.engine.grasps import (
     component,
+    count_from,
+    direction_by,
     moves,
     place_at,
     prescribed_twist,
@@ -46,7 +48,7 @@ from dlo_sim.engine.lines import add, kinetic
 from dlo_sim.engine.spans import three
 from dlo_sim.terms.vectors import cross
 
-ROTATION, PLACE, RATES = 0, 9, 13  # entries of `work.held`: by rows; place and twist; their rates
+ROTATION, PLACE, RATES = 0, 9, 12  # entries of `work.held`: by rows; place; rates of it and twist
 
 # -- values and shifts --------------------------------------------------------------------------
 
@@ -257,7 +259,16 @@ def set_held(cable, t):
             held[ROTATION + k] = r[k]
         for k in range(3):
             held[PLACE + k] = a[k]
-        held[PLACE + 3] = prescribed_twist(cable, g, a[3])
+
+
+@kernel(void, CABLE, float64)
+def keep_frames(cable, t):
+    """Count the twist angles of moving grasps from the pose in `work.held` on, that at time t."""
+    for g in range(cable.grasps):
+        m, frame, held = cable.inputs.motion[g], cable.state.frame[g], cable.work.held[g]
+        if moves(m):
+            angle = prescribed_twist(m, frame, t, held)
+            count_from(m, frame, t, held, direction_by(m, held), angle)
 
 
 @inline
@@ -270,7 +281,7 @@ def set_held_rates(cable, t):
             for k in range(7):
                 held[RATES + k] = 0.0
             continue
-        v = rates(m, t, held)
+        v = rates(m, t, held, cable.state.frame[g])
         for k in range(7):
             held[RATES + k] = v[k]
 
@@ -287,7 +298,8 @@ def set_targets(cable, t):
             continue
         held, target = work.held[rows.grasp[k]], 0.0
         if line == cable.dim:
-            target = held[PLACE + 3]
+            g = rows.grasp[k]
+            target = prescribed_twist(cable.inputs.motion[g], cable.state.frame[g], t, held)
         elif line >= 0:
             target = held[PLACE + cable.axes[line]]
         else:
@@ -297,6 +309,20 @@ def set_targets(cable, t):
                 work.ahead[k, d] = component(e, axis)
                 target += component(e, axis) * held[PLACE + axis]
         work.targets[k] = share * target
+
+
+@inline
+def turn_rows(cable, t, out):
+    """out = directions of the turning rows at time t."""
+    for g in range(cable.grasps):
+        r = rotation_at(cable.inputs.motion[g], t)
+        for k in range(9):
+            cable.work.held[g, ROTATION + k] = r[k]
+    for k in range(cable.rows.count):
+        if turns(cable, k):
+            e = direction_of(cable, k)
+            for d in range(cable.dim):
+                out[k, d] = component(e, cable.axes[d])
 
 
 @inline

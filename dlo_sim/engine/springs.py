@@ -14,7 +14,14 @@ from numba import boolean, float64, void
 
 from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, SPRUNG
-from dlo_sim.engine.grasps import component, direction_at, moves, place, prescribed_twist
+from dlo_sim.engine.grasps import (
+    component,
+    direction_at,
+    moves,
+    place,
+    prescribed_twist,
+    rotation_at,
+)
 from dlo_sim.engine.rows import point_value
 
 ROLL_DAMPING = 0.5  # damping over stiffness, in units of the step
@@ -108,12 +115,10 @@ def target_of(cable, k, t):
     """
     row = row_of(cable, k)
     line, grasp = cable.rows.line[row], cable.rows.grasp[row]
-    if cable.rows.aims[row]:
-        return component(direction_at(cable.inputs.motion[grasp], t), cable.axes[line])
-    a = place(cable.inputs.motion[grasp], t)
+    m = cable.inputs.motion[grasp]
     if line == cable.dim:
-        return prescribed_twist(cable, grasp, a[3])
-    return component(a, cable.axes[line])
+        return prescribed_twist(m, cable.state.frame[grasp], t, rotation_at(m, t))
+    return component(direction_at(m, t) if cable.rows.aims[row] else place(m, t), cable.axes[line])
 
 
 @kernel(void, CABLE, float64, terms=SPRUNG)

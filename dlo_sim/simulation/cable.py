@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from typing import Any
 
@@ -179,7 +179,7 @@ class Cable:
         state = self.arrays.state
         balance = numbers_of(state.balance)
         energies = state.energy, state.energy_begin
-        return balance, *energies, state.natural, state.plastic, state.pair
+        return balance, *energies, state.natural, state.plastic, state.pair, state.frame
 
     def __getstate__(self) -> tuple[Model, int, Array, Array]:
         """What a copy needs; it has arrays of its own."""
@@ -245,13 +245,6 @@ class Cable:
         return self.arrays.state.slide
 
     @property
-    def frame_turn(self) -> Array:
-        """Angle by which the Bishop frame lags behind each grasp [rad], a view of shape (grasps,);
-        empty if twist is not measured against a Bishop frame.
-        """
-        return self.arrays.state.frame_turn
-
-    @property
     def account(self) -> Any:
         """Numbers of the energy account (`engine.arrays.State.balance`)."""
         return self.arrays.state.balance
@@ -283,11 +276,15 @@ class Cable:
     def plastic(self, rows: Array) -> None:
         self.arrays.state.plastic[:] = to_blocks(rows)
 
-    def place(self, grasp: int, t: float) -> Array:
-        """Attachment point [m] and twist angle [rad] of a grasp at time t, shape (4,)."""
-        out = np.empty(4)
-        between_steps.grasp_place(self.motion[grasp], t, out)
-        return out
+    def held_twists(self, t: float) -> Array:
+        """Twist angles [rad] that the grasps prescribe at time t, shape (grasps,)."""
+        count = range(len(self.motion))
+        return np.array([self.call(between_steps.twist_held, grasp, t) for grasp in count])
+
+    def count_twists(self, t: float, twists: Iterable[tuple[int, float]]) -> None:
+        """The twist angles that grasps prescribe are these at time t: number and angle [rad]."""
+        for grasp, twist in twists:
+            self.call(between_steps.count_twist, grasp, t, twist)
 
     @property
     def obstacles(self) -> Array:
@@ -469,7 +466,6 @@ class Cable:
         """From now on measure the twist angles in the Bishop frame of the present shape."""
         if self.model.has(BISHOP):
             self.shown(self.arrays.state.reference)[:] = self.x
-            self.frame_turn[:] = 0.0
 
     def velocities(self, t: float) -> Array:
         """Velocities of all control points at time t, lines of shape (lines, n)."""

@@ -11,7 +11,6 @@ from dlo_sim.core import arguments, rotations
 from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.core.two_points import LEAST_APART, poses_of_two_points
 from dlo_sim.engine import grasps
-from dlo_sim.simulation.ends import twist_angles
 from dlo_sim.simulation.geometry import known_holder
 from dlo_sim.simulation.play import stretch
 from dlo_sim.simulation.recorder import Recorder
@@ -198,8 +197,4 @@ def motions_along(present: Array, grid: Array, path: Array) -> Array:
     rows[:, grasps.FRAME : grasps.TURN] = rotations.to_matrix(path[:-1, 3:]).reshape(-1, 9)
     rows[:, grasps.TURN : grasps.TURN + 3] = turn / tau[:, None]
     rows[:, grasps.TURN + 3 : grasps.ATTACHMENT] = 0.0
-    # The twist angle accumulates the part of each step's rotation about the tangent.
-    direction = present[grasps.DIRECTION : grasps.DIRECTION + 3]
-    angles = twist_angles(turn, rotations.rotate(path[:-1, 3:], direction))
-    rows[1:, grasps.TWIST] += np.cumsum(angles)[:-1]
     return rows
