@@ -18,7 +18,7 @@ from dlo_sim.core import bspline
 from dlo_sim.core.quadrature import Quadrature
 from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays, Mesh
-from dlo_sim.simulation.arrays import COARSE, from_blocks, sizes_of, to_blocks, without_margins
+from dlo_sim.simulation.arrays import from_blocks, sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.build_model import fill_rows, held_values, terms_of_holding
 from dlo_sim.simulation.holding import Holding, Point, Row, Weights
 from dlo_sim.simulation.model import Model
@@ -77,12 +77,7 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
         twist=first.twist,
         n=starts[-1],
         samples=first.arrays.sizes["samples"],
-        points=len(holding.points),
-        rigid=len(holding.rows),
-        border=holding.border,
-        springs=len(holding.springs),
-        joints=holding.joints,
-        slides=0,
+        holding=holding,
         grasps=sum(model.arrays.sizes["grasps"] for model in models),
         loads=sum(model.arrays.sizes["loads"] for model in models),
         obstacles=first.arrays.sizes["obstacles"],
@@ -92,6 +87,9 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
     model = Model(
+        first.scene,
+        first.needs,
+        first.geometries,
         arrays,
         np.concatenate([model.knots for model in models]),
         Quadrature(
@@ -147,7 +145,6 @@ def _fill_contact(arrays: CableArrays, models: Sequence[Model]) -> None:
     for name in contact.fields:
         if name not in ("first", "basis", "weight", "begin", "end"):
             setattr(contact, name, getattr(first, name))
-    contact.coarse = COARSE * arrays.blocks
     pieces = contact.pieces, contact.guide_pieces
     parts = [samples_by_span(model.knots, pieces, contact.radius) for model in models]
     write_samples(contact, *map(_with_voids, zip(*parts, strict=True)))

@@ -8,6 +8,7 @@ import numpy as np
 from dlo_sim.core import bspline, mass, rotations, spectrum
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine.arrays import CURVED, ENERGIES
+from dlo_sim.methods import between_steps
 from dlo_sim.scene.loading import scene_from_values, scene_values
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.build_model import build_model
@@ -15,6 +16,7 @@ from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import geometries_of
 from dlo_sim.simulation.natural_shape import local_turn, natural_rows, turned_rows, weighted
+from dlo_sim.simulation.play import play
 from dlo_sim.simulation.simulator import Simulator
 
 # Stretching, bending, gravity and a point load; the start is clamped along x, the end is free.
@@ -126,6 +128,23 @@ def simulator(*values, **more):
     return Simulator(scene_of(*values, **more))
 
 
+def solve_held(cable, unknowns, transposed=False):
+    """Solve band x = unknowns, or band^T x = unknowns, in place with the constraint rows fixed.
+
+    Returns the number of negative pivots, or -1 if a pivot is not usable. unknowns: shape
+    (n lines,), or one row for each right-hand side.
+    """
+    rows = unknowns.reshape(-1, cable.model.n * cable.model.lines)
+    return cable.call(between_steps.solve_held, rows, transposed)
+
+
+def advance(target, steps):
+    """Advance a simulator, alone or with the estimate of its error, which watches it."""
+    if isinstance(target, Simulator):
+        return target.advance_steps(steps)
+    return play(target.simulator, target.simulator.steps + steps, watchers=(target,))
+
+
 class Bench:
     """Forces, energies and stiffness of a scene at any configuration, without a simulator.
 
@@ -154,7 +173,7 @@ class Bench:
         self.pull_to(0.0)
         self.cable.point_grasps(0.0)
         if self.model.has(CURVED) and any(self.scene.cable.rest_curvature):
-            natural = natural_rows(self.scene, self.model, np.array([1.0, 0.0, 0.0]))
+            natural = natural_rows(self.model, np.array([1.0, 0.0, 0.0]))
             rows = weighted(self.model, natural)
             rows = turned_rows(rows, local_turn(np.eye(3), self.model.axes))
             self.cable.natural = rows

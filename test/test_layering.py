@@ -59,6 +59,7 @@ FOREIGN = {
         "engine",
         "methods",
         "simulation/buckling.py",
+        "simulation/self_contact.py",
         "simulation/soundness.py",
     },
     "distributed": {"batch/workers.py"},

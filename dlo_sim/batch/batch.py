@@ -19,8 +19,10 @@ from dlo_sim.core import arguments
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.forecast import EVERY, Forecast, Plan
-from dlo_sim.simulation.meshes import keep_also, kept_of
-from dlo_sim.simulation.recording import energies_at, record_simulator, sample_times
+from dlo_sim.simulation.play import play
+from dlo_sim.simulation.recorder import Recorder
+from dlo_sim.simulation.recording import energies_at, sample_times, steps_of
+from dlo_sim.simulation.report import Report
 from dlo_sim.simulation.resolution import resolved
 from dlo_sim.simulation.simulator import Simulator
 
@@ -29,10 +31,8 @@ _TOGETHER = 16  # plans that a worker gets at a time
 Start = tuple[ArrayLike, ArrayLike]
 Given = TypeVar("Given")
 Path = tuple[ArrayLike, Mapping[str, ArrayLike]]
-Kept = dict[str, Array]
-"""Meshes that are no files: they are sent with every scene, which takes milliseconds."""
-Asked = tuple[int, Scene, Start | None, Path | None, Kept]
-"""A scene of the batch: its number, it, its start, its path, and its meshes."""
+Asked = tuple[int, Scene, Start | None, Path | None]
+"""A scene of the batch: its number, it, its start, and its path."""
 
 
 @dataclass(frozen=True)
@@ -105,8 +105,7 @@ def simulate_batch(
     _check(scenes, duration, every)
     scenes = _alike(scenes)
     starts, paths = _each("initial", initial, scenes), _each("poses", poses, scenes)
-    kept = map(kept_of, scenes)
-    asked = list(zip(range(len(scenes)), scenes, starts, paths, kept, strict=True))
+    asked = list(zip(range(len(scenes)), scenes, starts, paths, strict=True))
     opened = open_workers(scheduler, processes) if workers is None else nullcontext(workers)
     with opened as crew:
         runs = list(crew.map(partial(_run, duration, every), asked))
@@ -157,8 +156,7 @@ def _run(duration: float, every: float, asked: Asked) -> dict[str, Any]:
     """The entries of one scene in `BatchResult`; after its last good state that state is
     repeated.
     """
-    k, scene, start, path, kept = asked
-    keep_also(kept)
+    k, scene, start, path = asked
     try:
         simulator = Simulator(scene)
         if start is not None:
@@ -167,20 +165,24 @@ def _run(duration: float, every: float, asked: Asked) -> dict[str, Any]:
         raise SceneError(f"scene {k}: {refusal}") from None
     except (TypeError, ValueError) as refusal:
         raise ValueError(f"initial {k}: {refusal}") from None
+    times, first = sample_times(duration, every), simulator.control_points[None]
+    energy = simulator.energy().total
     if path is None:
-        done = record_simulator(simulator, duration, every)
-        points, energy = done.control_points, done.energy
-        status, message = done.status, done.message
+        recorder = Recorder(simulator.model, times[1:])
+        report = play(simulator, steps_of(duration, simulator.step), recorder)
     else:
-        points, energy, status, message = _along(simulator, duration, every, path, k)
-    repeated, last = len(sample_times(duration, every)) - len(points), simulator.control_points
+        report, recorder = _along(simulator, duration, path, times[1:], k)
+    points = np.concatenate([first, recorder.control_points])
+    energies = np.append(energy, recorder.energies[: recorder.count])
+    energies = energies_at(times[: len(points)], energies, simulator.step, every)
+    repeated, last = len(times) - len(points), simulator.control_points
     return {
         "control_points": np.concatenate([points, np.repeat(last[None], repeated, axis=0)]),
         "samples": len(points),
-        "energy": np.concatenate([energy, np.repeat(energy[-1:], repeated)]),
+        "energy": np.concatenate([energies, np.repeat(energies[-1:], repeated)]),
         "energy_error": simulator.energy_error,
-        "status": status,
-        "message": message,
+        "status": report.status.name.lower(),
+        "message": report.message,
         "method": simulator.method,
         "step": simulator.step,
         "simulated": simulator.time,
@@ -188,11 +190,9 @@ def _run(duration: float, every: float, asked: Asked) -> dict[str, Any]:
 
 
 def _along(
-    simulator: Simulator, duration: float, every: float, path: Path, k: int
-) -> tuple[Array, Array, str, str]:
-    """Control points and energies of scene k, whose end effectors follow poses; status, message."""
-    times = sample_times(duration, every)
-    first, energy = simulator.control_points[None], simulator.energy().total
+    simulator: Simulator, duration: float, path: Path, samples: Array, k: int
+) -> tuple[Report, Recorder]:
+    """A run of scene k, whose end effectors follow poses."""
     try:
         stamps = arguments.numbers("times", path[0], (None,), "s")
         if len(stamps) and abs(stamps[-1] - duration) > 1e-9 * duration:
@@ -200,13 +200,9 @@ def _along(
                 f"times: end at {stamps[-1]:g} s, the batch at {duration:g} s; give poses up to "
                 "its end"
             )
-        report, recorder = simulator.record_along(stamps, path[1], times[1:])
+        return simulator.record_along(stamps, path[1], samples)
     except (TypeError, ValueError) as refusal:
         raise ValueError(f"poses {k}: {refusal}") from None
-    points = np.concatenate([first, recorder.control_points])
-    energies = np.append(energy, recorder.energies[: recorder.count])
-    energies = energies_at(times[: len(points)], energies, simulator.step, every)
-    return points, energies, report.status.name.lower(), report.message
 
 
 def forecast_batch(
@@ -230,14 +226,13 @@ def forecast_batch(
     pieces = [numbered[k : k + _TOGETHER] for k in range(0, len(plans), _TOGETHER)]
     opened = open_workers(scheduler, processes) if workers is None else nullcontext(workers)
     with opened as crew:
-        done = crew.map(partial(_forecasts, simulator, kept_of(simulator.scene), every), pieces)
+        done = crew.map(partial(_forecasts, simulator, every), pieces)
         return [found for part in done for found in part]
 
 
 def _forecasts(
-    simulator: Simulator, kept: Kept, every: float, plans: Sequence[tuple[int, Plan]]
+    simulator: Simulator, every: float, plans: Sequence[tuple[int, Plan]]
 ) -> list[Forecast]:
-    keep_also(kept)
     found = []
     for k, plan in plans:
         try:

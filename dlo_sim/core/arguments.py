@@ -41,8 +41,11 @@ def numbers(name: str, value: object, shape: tuple[int | None, ...], meaning: st
     )
     is_number = array.dtype.kind in "iuf"
     if is_number and fits:
-        with np.errstate(over="ignore"):  # a long double beyond all doubles is not finite
-            array = array.astype(float)
+        if array.dtype == float:
+            array = array.copy()
+        else:
+            with np.errstate(over="ignore"):  # a long double beyond all doubles is not finite
+                array = array.astype(float)
         if np.isfinite(array).all():
             return array
     refusal = ValueError if is_number else TypeError

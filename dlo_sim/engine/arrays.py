@@ -195,12 +195,11 @@ class Contact(Group):
     """Obstacles, and the samples of the cable that touch them (`engine.contact`)."""
 
     count = Whole()  # obstacles
-    coarse = Whole()  # groups of samples that touch half spaces, the first ones
-    pieces = Whole()  # groups of a span that touch bodies other than rings and channels
+    pieces = Whole()  # groups of a span that touch all but rings and channels
     guide_pieces = Whole()  # groups of a span that touch rings and channels, the last ones
     begin = Wholes("obstacles")  # first group that touches each obstacle
     end = Wholes("obstacles")  # behind the last one
-    first = Wholes("groups")  # column of the first control point, of the first lane
+    first = Wholes("groups")  # column of the first control point of their span
     basis = Lanes("groups", 4)  # basis functions
     slope = Lanes("groups", 4)  # their derivatives by the local coordinate
     weight = Lanes("groups")  # [m], 0 where there is no sample

@@ -9,9 +9,8 @@ g = d(y) - reach with the signed distance d from the core. Obstacles may move: `
 and c at the start, the middle and the end of a step, which are equal between steps.
 
 **Samples.** The cable touches at samples of its own, finer than the quadrature, with both ends of
-the cable: sharp tips would sink in between Gauss points. They are the lanes of groups: one sample
-of every span of a block for half spaces, which need few samples of much of the cable, and
-neighbouring samples of one span for bodies, which need many of little.
+the cable: sharp tips would sink in between Gauss points. Neighbouring samples of one span are the
+lanes of a group.
 
 **A step** from y0 to y1 of length tau, dy = y1 - y0, has for each sample and obstacle
     the discrete gradient of the gap, n = m + (g1 - g0 - m.dy) dy / |dy|^2 with
@@ -266,13 +265,10 @@ def from_body(pose, at, y):
 
 @inline
 def line_of(cable, x, line, g, e):
-    """Sum of one line of the control points of the spans of a group with weights e (4)."""
+    """Sum of one line of the control points of the span of a group with weights e (4)."""
     at, value = cable.contact.first[g], zero()
     for k in range(4):
-        if g < cable.contact.coarse:
-            value += e[k] * load(x, line, at + k)
-        else:
-            value += e[k] * x[line, at + k]
+        value += e[k] * x[line, at + k]
     return value
 
 
@@ -284,7 +280,7 @@ def line_at(cable, x, g, line):
 
 @inline
 def weighted(cable, x, g, e):
-    """Sums of the control points of the spans of a group with weights e (4)."""
+    """Sums of the control points of the span of a group with weights e (4)."""
     third = line_of(cable, x, 2, g, e) if cable.dim == 3 else zero()
     return line_of(cable, x, 0, g, e), line_of(cable, x, 1, g, e), third
 
@@ -300,10 +296,7 @@ def push_line(cable, g, line, f, out):
     """out += one line of the forces on the samples of a group."""
     e, at = cable.contact.basis[g], cable.contact.first[g]
     for k in range(4):
-        if g < cable.contact.coarse:
-            store(out, line, at + k, load(out, line, at + k) + e[k] * f)
-        else:
-            out[line, at + k] += lane_sum(e[k] * f)
+        out[line, at + k] += lane_sum(e[k] * f)
 
 
 @inline
@@ -522,7 +515,7 @@ def energy(cable, x, out):
 @kernel(void, CABLE, boolean, float64, LINES, terms=CONTACT)
 def add_tangent(cable, steps, scale, band):
     """band -= scale times the Jacobian of the last `add_force` by the end of the step."""
-    contact, work, block, none = cable.contact, cable.work, -1, zero()
+    contact, work, span, none = cable.contact, cable.work, -1, zero()
     for o in range(contact.count):
         law = contact.law[o]
         for k in range(int(cable.state.near_count[o])):
@@ -557,32 +550,25 @@ def add_tangent(cable, steps, scale, band):
                 )
             h = with_product(h, push, three(after, NORMAL))
             spun = by_spin, by_place, held
-            block = add_samples(cable, o, g, MIDDLE, h, spun, scale, block, band)
-    if block >= 0:
-        add_block(cable, block, band)
+            span = add_samples(cable, o, g, MIDDLE, h, spun, scale, span, band)
+    if span >= 0:
+        add_span(cable, span, band)
 
 
 @inline
-def block_of(cable, g):
-    """Groups with the same number have the same control points: those of a block of spans, or,
-    behind these, samples of one span.
-    """
-    return cable.contact.first[g] + (0 if g < cable.contact.coarse else cable.columns)
-
-
-@inline
-def add_samples(cable, o, g, turned_at, h, spun, scale, block, band):
+def add_samples(cable, o, g, turned_at, h, spun, scale, span, band):
     """band += `scale` times the integral of R h R_end^T over the samples of a group, with R of the
     pose at `turned_at`; and of `spun`, where the cable rolls: minus the derivatives of force by
     spin (R f) and of moment by place (f R_end^T), and the one of moment by spin. They wait in
-    `work.contact_sums` until another block (`block_of`) begins; returns the block that waits.
+    `work.contact_sums` until those of another span begin; returns the first column of the span that
+    waits.
     """
     contact, pose = cable.contact, cable.state.pose[o]
     h = to_lines(pose, END, h[0]), to_lines(pose, END, h[1]), to_lines(pose, END, h[2])
-    w, e, here = scale * contact.weight[g], contact.basis[g], block_of(cable, g)
+    w, e, here = scale * contact.weight[g], contact.basis[g], contact.first[g]
     h = scaled(w, h[0]), scaled(w, h[1]), scaled(w, h[2])
-    if here != block and block >= 0:
-        add_block(cable, block, band)
+    if here != span and span >= 0:
+        add_span(cable, span, band)
     sums = cable.work.contact_sums
     if cable.terms & ROLLING:  # with loops of known length
         spin, place = to_lines(pose, turned_at, spun[0]), to_lines(pose, END, spun[1])
@@ -625,55 +611,40 @@ def add_line(sums, e, size, i, f, last):
 
 
 @inline
-def take_sums(cable, block):
-    """First control point of a block (`block_of`), and how many spans have their own column in
-    `work.contact_sums`, where what samples of one span have is added up.
-    """
-    sums = cable.work.contact_sums
-    if block < cable.columns:
-        return block - MARGIN, min(LANES, MARGIN + cable.n - 3 - block)
-    for row in range(sums.shape[0]):
-        sums[row, 0] = lane_sum(load(sums, row, 0))
-    return block - cable.columns - MARGIN, 1
+def taken(sums, row):
+    """What waits in a row of `work.contact_sums`, which then has none."""
+    value = lane_sum(load(sums, row, 0))
+    store(sums, row, 0, 0.0)
+    return value
 
 
 @inline
-def clear_sums(cable):
-    """Let `work.contact_sums` begin another block."""
-    for row in range(cable.work.contact_sums.shape[0]):
-        store(cable.work.contact_sums, row, 0, 0.0)
-
-
-@inline
-def add_spans(cable, block, size, band):
-    """`add_block` for so many lines."""
-    sums, lines, half = cable.work.contact_sums, cable.lines, 4 * cable.lines - 1
-    first, spans = take_sums(cable, block)
-    for span in range(spans):
-        row = 0
-        for one in range(4):
-            for other in range(one, 4):
-                apart = (other - one) * lines
-                for i in range(size):
-                    at, to = (first + span + one) * lines + i, (first + span + other) * lines + i
-                    for c in range(size):
-                        value = sums[row, span]
-                        band[at, half - i + c + apart] += value
-                        if other > one:
-                            band[to, half - i + c - apart] += value
-                        row += 1
+def add_lines_of_span(cable, span, size, band):
+    """`add_span` for so many lines."""
+    sums, lines, first, row = cable.work.contact_sums, cable.lines, span - MARGIN, 0
+    half = 4 * lines - 1
+    for one in range(4):
+        for other in range(one, 4):
+            apart = (other - one) * lines
+            for i in range(size):
+                at, to = (first + one) * lines + i, (first + other) * lines + i
+                for c in range(size):
+                    value = taken(sums, row)
+                    band[at, half - i + c + apart] += value
+                    if other > one:
+                        band[to, half - i + c - apart] += value
+                    row += 1
 
 
 @kernel(void, CABLE, int64, LINES, terms=CONTACT)
-def add_block(cable, block, band):
-    """band += `work.contact_sums` of a block, which then has none."""
+def add_span(cable, span, band):
+    """band += what waits in `work.contact_sums` of the span with this first column."""
     if cable.terms & ROLLING:  # with loops of known length
-        add_spans(cable, block, 4, band)
+        add_lines_of_span(cable, span, 4, band)
     elif cable.dim == 3:
-        add_spans(cable, block, 3, band)
+        add_lines_of_span(cable, span, 3, band)
     else:
-        add_spans(cable, block, 2, band)
-    clear_sums(cable)
+        add_lines_of_span(cable, span, 2, band)
 
 
 # -- velocities after contact --------------------------------------------------------------------
@@ -797,7 +768,7 @@ def add_impulses(cable, v, push, band):
     """push += impulses on samples that have the velocities v, and band += their dependence on a
     change of v: penalties for other velocities than those after contact, and friction that slides.
     """
-    contact, stiff, block, none = cable.contact, STOP * cable.contact.density, -1, zero()
+    contact, stiff, span, none = cable.contact, STOP * cable.contact.density, -1, zero()
     for o in range(contact.count):
         for k in range(int(cable.state.near_count[o])):
             g = int(cable.state.near[o, k])
@@ -816,9 +787,9 @@ def add_impulses(cable, v, push, band):
             h = (hold, none, none), (none, hold, none), (none, none, hold)
             h = with_product(h, scaled(where(kept[PUSHED], stiff, 0.0) - hold, n), n)
             spun = scaled(hold, lever), scaled(hold, lever), hold * dot(lever, lever)
-            block = add_samples(cable, o, g, END, h, spun, 1.0, block, band)
-    if block >= 0:
-        add_block(cable, block, band)
+            span = add_samples(cable, o, g, END, h, spun, 1.0, span, band)
+    if span >= 0:
+        add_span(cable, span, band)
 
 
 @kernel((boolean, float64), CABLE, float64, LINES, boolean, terms=CONTACT)

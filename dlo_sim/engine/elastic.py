@@ -1,5 +1,6 @@
 """Stretching and bending of the cable, with the span guard and viscosity: energy, force, discrete
-gradient, and its Jacobian: loops over the quadrature points of the spans, eight spans at a time.
+gradient; and the Jacobian of all that is integrated at the quadrature points, with twist
+(`engine.bishop`) and natural shape: loops over the spans, eight at a time.
 
 Energy and force. The energy densities (`terms`) depend on c = t . t, d = t . k and h = k . k only.
 On a span t = A + B xi + C xi^2, so these are polynomials in xi whose coefficients are the inner
@@ -23,9 +24,10 @@ momentum and angular momentum are conserved too (Simo & Tarnow 1992; Gonzalez 19
 quadrature point). Viscosity is evaluated at the midpoint.
 
 The Jacobian is exact, with respect to the new configuration, except that the dependence of the
-viscous forces on the geometry is left out, and that its tension is the one that `engine.tension`
-predicted. For equal configurations it is half the Hessian of the
-energy. It is a band matrix over all spatial unknowns (`engine.arrays`).
+viscous forces on the geometry is left out, that its tension is the one that `engine.tension`
+predicted, and that twist and natural shape are those in the middle of a short step. For equal
+configurations it is half the Hessian of the energy. It is a band matrix over all unknowns
+(`engine.arrays`).
 
 Source of the projection: assumed natural strains, Bucalem & Bathe 1993, Int. J. Numer. Meth. Eng.
 36, 3729-3754; for splines the B-bar projection of Elguedj et al. 2008, Comput. Methods Appl. Mech.

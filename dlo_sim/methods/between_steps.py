@@ -193,8 +193,8 @@ def stiffness(address, moments):
 @kernel(void, CABLE, boolean, boolean)
 def set_stiffness(cable, predicted, twist):
     """`work.band` = Hessian of the potential energy, if `predicted` with the predicted tension
-    (`engine.tension`) instead of that of the present shape. Without `twist` the twist of all places
-    is given, and its equations are those of the identity.
+    (`engine.tension`) instead of that of the present shape. Without `twist`, or where it does not
+    act on the shape, its equations are those of the identity.
     """
     band, x = cable.work.band, cable.state.x
     if not predicted:
@@ -207,7 +207,7 @@ def set_stiffness(cable, predicted, twist):
         contact.add_tangent(cable, NO, 2.0, band)
     add_springs(cable, 1.0, band)
     slide_tangent(cable, NO, x, x, 2.0, band)
-    if not twist and cable.terms & BISHOP:
+    if cable.lines > cable.dim and not (twist and cable.terms & BISHOP):
         for i in range(cable.n):
             hold_unknown(cable.lines, i * cable.lines + cable.dim, band)
 

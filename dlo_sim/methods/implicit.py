@@ -18,9 +18,9 @@ that what is stiff does not ring.
 **The solution.** `begin_step` predicts q1 and moves the constraint rows to their targets. Then the
 forces (`step_force`), the residual of the momentum balance (`set_residual`) and a correction
 (`correct`) alternate until the energy error of the step is small. Corrections are Newton's with the
-exact Jacobian (`newton_matrix`), except for the dependence of the viscous forces on the geometry,
-for the plastic flow within the step, and for the tension, an unknown of its own that the last
-correction predicted (`engine.tension`); between two factorisations they are Broyden's.
+Jacobian of `engine.elastic`, without the plastic flow within the step, and with the tension, an
+unknown of its own, that the last correction predicted (`engine.tension`); between two
+factorisations they are Broyden's.
 `finish_step` updates velocities, reactions and the energy balance. `try_step` is all of this. A
 step that does not converge is rejected and repeated in halves, quarters, ... of its length
 (`implicit_step`).

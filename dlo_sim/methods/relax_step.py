@@ -1,8 +1,8 @@
 """A step of the search for an equilibrium (`simulation.statics`): of the gradient flow
-    M ((q1 - q0) / s + g g^T (q1 - qb)) = f(q1),
-by backward Euler with the pseudo-time s, mass matrix M and forces f. A guide g hardly lets the
-cable move along it from the shape qb in which the search began. Newton's method has the tension as
-an unknown of its own (`engine.tension`).
+    M ((q1 - q0) / s + G (q1 - qb)) = f(q1),
+by backward Euler with the pseudo-time s, mass matrix M and forces f. A guide G hardly lets the
+cable move along some directions from the shape qb in which the search began. Newton's method has
+the tension as an unknown of its own (`engine.tension`).
 
 With twist that acts on the shape all lines are found together, where the Bishop frame follows the
 shape at every iterate. A correction of the twist is one of the material frame against the shape
@@ -26,7 +26,6 @@ from dlo_sim.engine.arrays import (
     MARGIN,
     MATERIAL,
     PADDING,
-    VECTOR,
     cable_at,
 )
 from dlo_sim.engine.assembly import all_forces
@@ -59,7 +58,7 @@ LOOSE, NEAR = 1e-2, 1e-10
 SPIN = 0.16  # of the length: radius of gyration of the twist in pseudo-time
 
 
-GIVEN = int64, float64, ARRAY, ARRAY_2D, ARRAY, float64, boolean, boolean
+GIVEN = int64, float64, ARRAY_2D, ARRAY_2D, ARRAY, float64, boolean, boolean
 
 
 @kernel((int64, float64), *GIVEN, family=BETWEEN)
@@ -67,7 +66,7 @@ def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
     """One step of pseudo-time `pseudo` [s^2] in place.
 
     Args:
-        guide: g by line [1/s], zero for none. begun: configuration at the start of the search.
+        guide: G by lines [1/s^2], zero for none. begun: configuration at the start of the search.
         anchors: of the springs there. length: of the cable [m]. twist: whether to find the twist,
             too. rolls: what holds the roll turns with the Bishop frame: the twist angles there, and
             the anchors, are those at the start of the search.
@@ -132,7 +131,7 @@ def size_of(cable, change, lines, length):
     return largest
 
 
-@kernel(boolean, int64, float64, VECTOR, LINES, float64, boolean, boolean, boolean, family=BETWEEN)
+@kernel(boolean, int64, float64, LINES, LINES, float64, boolean, boolean, boolean, family=BETWEEN)
 def correct(address, pseudo, guide, begun, length, predicted, twist, rolls):
     """Set `work.nudge` to Newton's correction; returns whether it exists and leads downhill.
 
@@ -201,17 +200,16 @@ def negative(band, size, half):
 
 @inline
 def set_force(cable, pseudo, guide, begun, length, twist):
-    """force = f(q1) - M ((q1 - q0) / s + g g^T (q1 - qb))."""
+    """force = f(q1) - M ((q1 - q0) / s + G (q1 - qb))."""
     work, x, dim = cable.work, cable.state.x, cable.dim
     f, rate, mass = work.force, work.rate, cable.linear.mass[0]
     all_forces(cable, x, f)
     load_force(cable, x, 0.0, f)
     for c in range(cable.columns):
-        along = 0.0
         for d in range(dim):
-            along += guide[d] * (x[d, c] - begun[d, c])
-        for d in range(dim):
-            rate[d, c] = work.change[d, c] / pseudo + along * guide[d]
+            rate[d, c] = work.change[d, c] / pseudo
+            for e in range(dim):
+                rate[d, c] += guide[d, e] * (x[e, c] - begun[e, c])
         if twist:
             rate[dim, c] = spin(length, pseudo) * work.change[dim, c]
         elif cable.lines > dim:
@@ -222,14 +220,14 @@ def set_force(cable, pseudo, guide, begun, length, twist):
 
 @inline
 def add_inertia(cable, pseudo, guide):
-    """band += M (1 / s + g g^T)."""
+    """band += M (1 / s + G)."""
     dim, lines, n = cable.dim, cable.lines, cable.n
     mass, band = cable.linear.mass[0], cable.work.band
     for k in range(7):
         for i in range(max(3 - k, 0), min(n, n + 3 - k)):
             for d in range(dim):
                 for e in range(dim):
-                    share = guide[d] * guide[e] + (1.0 / pseudo if d == e else 0.0)
+                    share = guide[d, e] + (1.0 / pseudo if d == e else 0.0)
                     column = (k + 1) * lines + e - d - 1
                     band[i * lines + d, column] += share * mass[k, MARGIN + i]
 

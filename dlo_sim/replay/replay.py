@@ -227,6 +227,7 @@ class _Replay:
         self._session = Session(scene, factory)
         self.summary.compile_s = time.perf_counter() - begin
         self._inputs = {entry.topic for entry in self._session.inputs}
+        self._names = {topic: resolved(topic) for topic in output_topics(scene)}
         if bag.undated:
             some = f"{bag.undated} of {bag.count} messages were recorded at time 0"
             how = "before /clock began; they count as recorded with the first that has a time, or "
@@ -357,7 +358,7 @@ class _Replay:
         summary.simulated_s += report.advanced_steps * session.simulator.step
         for topic, _, stamp_ns, data in session.messages(self._wanted):
             if writer is not None:
-                writer.write(resolved(topic), now, data)
+                writer.write(self._names[topic], now, data)
                 summary.messages_written += 1
             if topic in self._predictions:
                 force = np.frombuffer(data, "<f8", 3, len(data) - 48)

@@ -24,12 +24,12 @@ from rclpy.parameter import Parameter as NodeParameter
 from dlo_sim.process import stopping
 from dlo_sim.ros import DONE, FAILED, REFUSED
 from dlo_sim.ros.arguments import NodeArguments
-from dlo_sim.ros.guarded_node import GuardedNode, one_line
+from dlo_sim.ros.guarded_node import GuardedNode
 from dlo_sim.ros.live_cable import LiveCable
 from dlo_sim.scene.description import is_node_key, scene_parameters
 from dlo_sim.scene.loading import NODE_NAME, overridden, scene_file_values
 from dlo_sim.scene.parameter import Parameter, check_names, check_value
-from dlo_sim.scene.refusal import SceneError, brief
+from dlo_sim.scene.refusal import SceneError, brief, one_line
 from dlo_sim.session.cdr import DiagnosticStatus, encode_diagnostic_array
 from dlo_sim.session.diagnostics import ERROR
 from dlo_sim.session.topics import DIAGNOSTICS

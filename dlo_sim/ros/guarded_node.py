@@ -19,7 +19,7 @@ from rosgraph_msgs.msg import Clock
 from dlo_sim.ros.status import ClockWatch
 from dlo_sim.scene.description import is_node_key
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.refusal import brief
+from dlo_sim.scene.refusal import brief, one_line
 
 _PARAMETER_TYPES = range(ParameterType.PARAMETER_NOT_SET, ParameterType.PARAMETER_STRING_ARRAY + 1)
 
@@ -95,11 +95,6 @@ class GuardedNode(Node):
     def _pass_on_clock(self, callback: Callable[[Clock], None], message: Clock) -> None:
         if self.clock_watch.accept(message.clock.sec, message.clock.nanosec):
             callback(message)
-
-
-def one_line(error: BaseException) -> str:
-    """The message of an error on one line."""
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _pass_on_parameters(callback: Callable[..., Any], request: Any, response: Any) -> Any:

@@ -19,13 +19,14 @@ from std_srvs.srv import SetBool, Trigger
 
 from dlo_sim.compiling.directory import compiling_told_to
 from dlo_sim.ros.forecaster import Forecaster
-from dlo_sim.ros.guarded_node import GuardedNode, one_line
+from dlo_sim.ros.guarded_node import GuardedNode
 from dlo_sim.ros.parameters import SceneParameters, check_qos_overrides
 from dlo_sim.ros.status import LOG_PAUSE, REPORT_PERIOD, Reports, TickTimes, node_status
 from dlo_sim.ros.topics import Publishers, Subscriptions
 from dlo_sim.ros.transforms import transforms_of
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
+from dlo_sim.scene.refusal import one_line
 from dlo_sim.session.cdr import encode_diagnostic_array
 from dlo_sim.session.drive import Prepared
 from dlo_sim.session.intake import Transforms

@@ -19,12 +19,12 @@ from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.parameter import Parameter as NodeParameter
 from rclpy.qos import QoSPolicyKind
 
-from dlo_sim.ros.guarded_node import GuardedNode, one_line
+from dlo_sim.ros.guarded_node import GuardedNode
 from dlo_sim.ros.topics import INPUT_POLICIES, OUTPUT_POLICIES
 from dlo_sim.scene.description import Scene, parameters_of_scene, scene_parameters
 from dlo_sim.scene.loading import SceneError, scene_from_values, scene_values
 from dlo_sim.scene.parameter import Parameter, check_value, unknown_key
-from dlo_sim.scene.refusal import nearest, shown
+from dlo_sim.scene.refusal import nearest, one_line, shown
 from dlo_sim.session.drive import Prepared
 
 _TYPES = {

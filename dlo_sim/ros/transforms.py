@@ -8,9 +8,8 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from dlo_sim.core.one_rotation import normalized
-from dlo_sim.ros.guarded_node import one_line
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.refusal import SceneError
+from dlo_sim.scene.refusal import SceneError, one_line
 from dlo_sim.session.diagnostics import Refused
 from dlo_sim.session.intake import Transform, Transforms
 

@@ -21,7 +21,7 @@ from dlo_sim.scene.cable import NO_SURFACE, Cable, Damping, Hose, Plasticity, To
 from dlo_sim.scene.holders import End, Grasp, Holder, Load
 from dlo_sim.scene.node import Forecasts, Inputs, Measured, Outputs, State
 from dlo_sim.scene.numerics import Accuracy, Discretization, Initial, Integrator, Terms
-from dlo_sim.scene.obstacles import IN_TEXT, Contact, Obstacle
+from dlo_sim.scene.obstacles import Contact, Obstacle
 from dlo_sim.scene.parameter import (
     Group,
     Names,
@@ -499,10 +499,8 @@ def check_added(scene: Scene, obstacle: Obstacle) -> None:
     """Raise SceneError for an obstacle that cannot be added to a scene while it is simulated:
     invalid, driven by poses, or of the name of another.
     """
-    triangles = isinstance(obstacle.mesh, str) and obstacle.mesh.startswith(IN_TEXT)
     for row in parameters_of(obstacle, f"obstacles.{obstacle.name}."):
-        if not (triangles and row.default is obstacle.mesh):  # no name, and longer than one
-            check_value(row, row.default)
+        check_value(row, row.default)
     taken = set(scene.holders) | {one.name for one in scene.bodies}
     if obstacle.name in taken:
         raise refusal("obstacles", obstacle.name, "is there already; remove it before")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dlo_sim.scene.parameter import ORIGIN, SWITCH, Group, Quaternion, Vector, parameter
+from dlo_sim.scene.parameter import IN_TEXT, ORIGIN, SWITCH, Group, Quaternion, Vector, parameter
 from dlo_sim.scene.refusal import Rules
 
 LEAST_CELLS = 8  # of a mesh's field
@@ -15,8 +15,6 @@ LEAST_SIZE = 1e-9  # [m], of an obstacle
 LEAST_STIFFNESS = 1e-6  # [N/m^2], of contact
 
 SHAPES = ("plane", "box", "sphere", "cylinder", "capsule", "ring", "channel", "mesh")
-# What the name of a mesh begins with that is no file: one kept in the process, or itself as text.
-IN_MEMORY, IN_TEXT = "triangles:", "base64:"
 
 
 @dataclass(frozen=True)
@@ -131,7 +129,7 @@ class Obstacle(Group):
     @property
     def mesh_url(self) -> str:
         """Where other programs find the file of its mesh; empty for triangles without a file."""
-        if self.mesh.startswith((IN_MEMORY, IN_TEXT)):
+        if self.mesh.startswith(IN_TEXT):
             return ""
         if "://" in self.mesh:
             return self.mesh

@@ -42,6 +42,7 @@ _KINDS: dict[Any, Kind] = {float: "double", int: "integer", bool: "bool", str: "
 _ARRAYS: dict[Any, Kind] = {float: "double_array", bool: "bool_array"}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _LONGEST_TEXT = 255
+IN_TEXT = "base64:"  # begins a text that is data, and may be longer
 
 
 class Group:
@@ -236,7 +237,8 @@ def _check_text(row: Parameter, value: object, key: str) -> str:
     if row.choices and value not in row.choices:
         hint = nearest(value, [str(choice) for choice in row.choices])
         raise refusal(key, value, f"is unknown; give {_wanted_element(row)}{hint}")
-    if len(value) > _LONGEST_TEXT or not value.isprintable():
+    too_long = len(value) > _LONGEST_TEXT and not value.startswith(IN_TEXT)
+    if too_long or not value.isprintable():
         raise refusal(key, value, f"is not a name; give up to {_LONGEST_TEXT} printable letters")
     return value
 

@@ -29,9 +29,11 @@ def refusal(key: str, value: object, problem: str) -> SceneError:
     return SceneError(f"{key}: {text} {problem}")
 
 
-def one_line(message: str) -> str:
-    """A message as one printable line of limited length; it may quote files and other messages."""
-    words = [w if len(w) <= 1000 else f"{w[:50]}...{w[-50:]}" for w in message.split()]
+def one_line(message: object) -> str:
+    """A message, or that of an error, as one printable line of limited length; it may quote files
+    and other messages.
+    """
+    words = [w if len(w) <= 1000 else f"{w[:50]}...{w[-50:]}" for w in str(message).split()]
     line = printable(" ".join(words))
     return line if len(line) <= _LONGEST_LINE else f"{line[:600]} ... {line[-300:]}"
 

@@ -232,7 +232,8 @@ class Accuracy:
             return
         error = estimate.recent
         exceeds = error.total > self._target
-        self._keep_largest(estimate)
+        self._keep_largest(error)
+        self._last = estimate
         if exceeds and not self._exceeded:
             self._exceeded = True
             self._note("inaccurate", estimate.advice(error))
@@ -266,14 +267,13 @@ class Accuracy:
             ("accuracy target [m]", f"{self._target:g}"),
         ]
 
-    def _keep_largest(self, estimate: ErrorEstimate) -> None:
-        error, before = estimate.recent, self.largest
+    def _keep_largest(self, error: DiscretizationError) -> None:
+        before = self.largest
         if before is None:
             self.largest = error
         elif error.time > before.time or error.space > before.space:
             parts = max(error.time, before.time), max(error.space, before.space)
             self.largest = DiscretizationError(*parts, error.unknown or before.unknown)
-        self._last = estimate
 
 
 def _shown(error: float) -> str:

@@ -32,23 +32,12 @@ from dlo_sim.session.waiting import LoadMessage, LoadSchedule, TakeMessage, Wait
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.error_estimate import ErrorEstimate
-    from dlo_sim.simulation.geometry import Pose
     from dlo_sim.simulation.report import Report
     from dlo_sim.simulation.running import Snapshot
     from dlo_sim.simulation.simulator import Simulator
 
 _ZERO = (0.0, 0.0, 0.0)
-
-
-class Advance(NamedTuple):
-    """Result of an advance: steps taken, ends that wait for a pose, and why the simulator failed or
-    was slow ("" = it did not, was not).
-    """
-
-    steps: int
-    waiting: tuple[str, ...] = ()
-    failure: str = ""
-    slow: str = ""
+_NEVER = sys.maxsize
 
 
 class Prepared(NamedTuple):
@@ -79,6 +68,7 @@ class Drive:
         estimate: of the error of the simulator; None if errors are not estimated.
         unresolved: one line if a shape or the energy of the last advance was no cable's
             (`simulation.soundness`), else "".
+        waiting: ends that wait for a pose, since the last advance; slow: a note of it, or "".
         surroundings: obstacles from markers; None if the scene takes none.
         observer: corrects the simulator by measurements; None if the scene has no measured points.
         grid: times of the steps; None before `begin`.
@@ -116,6 +106,9 @@ class Drive:
         self._queues: list[Waiting[Any]] = [*self.paths.values(), *self._timed]
         self.grid: StepGrid | None = None
         self._segments: dict[str, Segment] = {}
+        self._next_change = 0  # step up to which neither motions nor inputs change
+        self._silence_ns, self.slow = 0, ""
+        self.waiting: tuple[str, ...] = ()
 
     def queue(self, entry: InputTopic) -> Waiting[Any]:
         """The queue into which the accepted messages of an input are put."""
@@ -181,12 +174,12 @@ class Drive:
             self.simulator.reset()
         self._rebuilt = saved is not None
         self.grid = StepGrid(origin, self.simulator.step)
-        self._segments = {}
+        self._segments, self._next_change = {}, 0
         if saved is not None:
             for name, path in self.paths.items():
                 path.skip_to(origin, *self.simulator.end_pose(name))
         if self.scene.estimates_errors and not self._too_slow:
-            self._estimate_by(_estimate(self.simulator, None if saved is not None else poses))
+            self._estimate_by(_estimate(self.simulator, begins=saved is None))
         return saved is not None
 
     def clear(self) -> None:
@@ -194,58 +187,98 @@ class Drive:
         for one in self._queues:
             one.clear()
         self.grid = None
-        self.unresolved = ""
+        self.unresolved, self.waiting = "", ()
         self._estimate_by(None)
         self._too_slow = False
 
-    def advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> Advance:
+    def hear(self) -> None:
+        """Look at the queues in the next step: there is a new message."""
+        self._next_change = 0
+
+    def advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> str:
         """Take at most `most_steps` whole steps up to `wanted_ns`; stop where a pose is missing.
 
         Args:
             silence_ns: time base [ns] up to which a silence is measured.
+
+        Returns:
+            Why the simulator failed, or "".
         """
         grid = self.grid
         assert grid is not None, "advance() needs begin()"
-        begin = self.simulator.steps
-        target = min(grid.last_at_or_before(wanted_ns), begin + most_steps)
-        tick = _Tick(self, grid, silence_ns)
-        if begin < target:
+        steps = self.simulator.steps
+        target = min(grid.last_at_or_before(wanted_ns), steps + most_steps)
+        self._silence_ns, self.slow, self.waiting = silence_ns, "", ()
+        if steps < target:
             from dlo_sim.simulation.play import play  # imports the compiler
 
             self.unresolved = ""
-            watchers = (tick,) if self.estimate is None else (tick, self.estimate)
-            report = play(self.simulator, target, timeline=tick, watchers=watchers)
-            failure = "" if report.status.advanced else report.message
-            if failure or tick.waiting:
-                return Advance(self.simulator.steps - begin, tick.waiting, failure, tick.slow)
+            watchers = (self,) if self.estimate is None else (self, self.estimate)
+            report = play(self.simulator, target, timeline=self, watchers=watchers)
+            if not report.status.advanced or self.waiting:
+                return "" if report.status.advanced else report.message
         # A state between two motions belongs to the later one (velocities agree, accelerations do
         # not), so outputs of this state need that motion if it is known.
-        self._renew_motions(grid, silence_ns)
-        return Advance(self.simulator.steps - begin, slow=tick.slow)
+        if self.simulator.steps >= self._next_change:
+            self._renew_motions(grid)
+            self.waiting = ()
+        return ""
 
-    def _renew_motions(self, grid: StepGrid, silence_ns: int) -> tuple[str, ...]:
-        """Set the next motion of every end whose motion is over; returns the ends without one."""
-        waiting: tuple[str, ...] = ()
+    # A timeline of `play`: the drive makes all changes of the simulator.
+
+    def apply(self, stop: int) -> int:
+        """Renew the motions of the ends and apply what is due; returns the step, at most `stop`,
+        until which nothing changes, or the present one if an end waits for a pose.
+        """
+        steps = self.simulator.steps
+        if steps >= self._next_change:
+            grid = self.grid
+            assert grid is not None
+            self._renew_motions(grid)
+            if self.waiting:
+                return steps
+            self._apply_inputs(grid)
+            lasts = [one.last for one in self._segments.values() if one.last is not None]
+            changes = [one.next_change_ns() for one in self._timed]
+            nexts = [grid.first_at_or_after(ns) for ns in changes if ns is not None]
+            self._next_change = min(
+                [*lasts, *(max(steps + 1, one) for one in nexts)], default=_NEVER
+            )
+        return min(stop, self._next_change)
+
+    # A watcher of `play`.
+
+    def next_look(self, steps: int) -> int:
+        """At no step of its own."""
+        return _NEVER
+
+    def look(self, report: Report) -> str:
+        """Keep what is wrong or slow."""
+        self.slow = report.note or self.slow
+        if report.status.advanced:
+            self.unresolved = self.unresolved or report.message
+            self._note_slipped_out()
+        return ""
+
+    def _renew_motions(self, grid: StepGrid) -> None:
+        """Set the next motion of every end whose motion is over; those without one wait."""
+        self.waiting = ()
         for name, path in self.paths.items():
             present = self._segments.get(name)
             if present is not None:
                 resting = present.last is None and path.silent and path.next_change_ns() is None
                 if resting or (present.last is not None and self.simulator.steps < present.last):
                     continue
-            segment = path.next_segment(grid, self.simulator.steps, self.simulator.time, silence_ns)
+            at = self.simulator.steps, self.simulator.time
+            segment = path.next_segment(grid, *at, self._silence_ns)
             if segment is None:
-                waiting += (name,)
+                self.waiting += (name,)
             else:
                 self._segments[name] = segment
                 self.simulator.set_motion(name, segment.motion)
-        return waiting
 
-    def _apply_inputs(self, grid: StepGrid, target: int) -> int:
-        """Apply corrections, takes, releases, markers and loads of the present step.
-
-        Returns:
-            The step, at most `target`, up to which no input changes.
-        """
+    def _apply_inputs(self, grid: StepGrid) -> None:
+        """Apply corrections, takes, releases, markers and loads of the present step."""
         now_ns, step_ns = self.now_ns, grid.step * 1e9
         if self.observer is not None:
             for points in self.observer.in_time(now_ns, step_ns):
@@ -258,15 +291,6 @@ class Drive:
             self.surroundings.apply(now_ns, step_ns, self.simulator)
         for name, schedule in self._loads.items():
             self._apply_loads(name, schedule, now_ns, step_ns)
-        stop = target
-        for segment in self._segments.values():
-            if segment.last is not None and segment.last < stop:
-                stop = segment.last
-        for waiting in self._timed:
-            change = waiting.next_change_ns()
-            if change is not None and change < grid.time_of(stop):
-                stop = min(stop, max(self.simulator.steps + 1, grid.first_at_or_after(change)))
-        return stop
 
     def _apply_loads(self, name: str, schedule: LoadSchedule, now_ns: int, step_ns: float) -> None:
         """Apply the newest load that is due, or remove one that has not been renewed in time."""
@@ -275,13 +299,14 @@ class Drive:
             if now_ns - newest.stamp_ns > step_ns:
                 self._note("late", f"load {name} came after the simulation had passed its stamp")
         if newest is not None:
+            schedule.held = newest
             self._set_load(name, newest)
         removal_ns = schedule.removal_ns()
         if removal_ns is not None and now_ns >= removal_ns:
             schedule.held = None
             self.simulator.set_load(name, force=_ZERO, torque=_ZERO)
-            line = f"load {name}: no message for {schedule.timeout:g} s; removed"
-            self._note("load_removed", line)
+            timeout = schedule.timeout_ns * 1e-9
+            self._note("load_removed", f"load {name}: no message for {timeout:g} s; removed")
 
     def _set_load(self, name: str, load: LoadMessage) -> None:
         """Let a load act, turned to the world frame from that of its end effector."""
@@ -310,7 +335,7 @@ class Drive:
         grid.origin_ns += after - before
         for name, path in self.paths.items():
             path.skip_to(after, *self.simulator.end_pose(name))
-        self._segments.clear()
+        self._segments, self._next_change = {}, 0
         return after - before
 
     def spare_estimate(self) -> bool:
@@ -346,6 +371,7 @@ class Drive:
         """Shift the time of a simulation without driven ends, which is that of the clock [ns]."""
         if self.grid is not None and not self.paths:
             self.grid.origin_ns += delta_ns
+            self._next_change = 0
 
     def prepare(self, scene: Scene) -> Prepared:
         """Prepare `reconfigure` for another scene with the same driven ends and loads.
@@ -371,7 +397,7 @@ class Drive:
 
         This takes only a small part of the time of `prepare`.
         """
-        old, grid = self.simulator, self.grid
+        old, grid, self._next_change = self.simulator, self.grid, 0
         # Messages may have let grasps take or release since `prepare`.
         told = dict(_taken(self.scene).items() - _taken(prepared.before).items())
         if prepared.simulator is old:
@@ -411,7 +437,7 @@ class Drive:
             raise
         except (TypeError, ValueError, ArithmeticError) as error:
             raise SceneError(
-                f"state.save_to: nothing goes on from the saved state ({one_line(str(error))}); "
+                f"state.save_to: nothing goes on from the saved state ({one_line(error)}); "
                 "remove the file"
             ) from None
 
@@ -455,47 +481,11 @@ class Drive:
             self.simulator.set_motion(name, rest.motion)
 
 
-class _Tick:
-    """What a drive does during one advance: a timeline and a watcher of `play`.
-
-    Attributes:
-        waiting: ends without a motion, at which the advance has stopped. slow: a note of a report.
-    """
-
-    def __init__(self, drive: Drive, grid: StepGrid, silence_ns: int) -> None:
-        self._drive, self._given = drive, (grid, silence_ns)
-        self.waiting: tuple[str, ...] = ()
-        self.slow = ""
-
-    def apply(self, stop: int) -> int:
-        """Renew the motions of the ends, and apply what is due."""
-        self.waiting = self._drive._renew_motions(*self._given)
-        if self.waiting:
-            return self._drive.simulator.steps
-        return self._drive._apply_inputs(self._given[0], stop)
-
-    def next_look(self, steps: int) -> int:
-        """At no step of its own."""
-        return sys.maxsize
-
-    def look(self, report: Report) -> str:
-        """Keep what is wrong or slow."""
-        self.slow = report.note or self.slow
-        if report.status.advanced:
-            self._drive.unresolved = self._drive.unresolved or report.message
-            self._drive._note_slipped_out()
-        return ""
-
-
-def _estimate(simulator: Simulator, poses: Mapping[str, Pose] | None = None) -> ErrorEstimate:
-    """The estimate of the error of a simulator that was placed at these poses, or (None) that
-    continues from its present state.
-    """
+def _estimate(simulator: Simulator, begins: bool = False) -> ErrorEstimate:
+    """The estimate of the error of a simulator that begins, or that goes on from its state."""
     from dlo_sim.simulation.error_estimate import ErrorEstimate  # imports the compiler
 
-    if poses is None:
-        return ErrorEstimate.continued(simulator)
-    return ErrorEstimate.placed(simulator, poses)
+    return ErrorEstimate(simulator) if begins else ErrorEstimate.continued(simulator)
 
 
 def _taken(scene: Scene) -> dict[str, bool]:

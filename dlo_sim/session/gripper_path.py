@@ -62,16 +62,6 @@ _MOST_WAITING = 5000  # poses; a paused simulation must not collect them without
 SPEED, TURN, LEAST_TIME = 1.0, 2.0, 0.1
 _NEAR = 1e-9  # m, rad
 
-_INTERVALS = 10  # of which the second largest is the need: a single dropout does not count
-_FORESEEN = 3  # used poses up to which the need is foreseen from the poses that were received
-_SILENCES = 3  # intervals longer than pose_timeout that are a rate, not silences
-_CALM = 5 * SECOND  # a need that has decreased lowers the lag after one to two times this time
-# The delay of the poses is the smallest of the largest delays in each of _WINDOWS windows: a single
-# hold-up does not count, bursts do. A window lasts at least _WINDOW and contains _PER_WINDOW
-# arrivals. Messages within _AT_ONCE are one arrival with the delay of the oldest, because the path
-# could not continue before they came.
-_AT_ONCE, _WINDOW, _PER_WINDOW, _WINDOWS = SECOND // 50, SECOND // 4, 5, 8
-
 
 @dataclass
 class StepGrid:
@@ -278,111 +268,6 @@ class Shift(NamedTuple):
         )
 
 
-class PoseTiming:
-    """The lag that the poses of one end effector need, from their intervals and delays.
-
-    Attributes:
-        fresh: whether anything has changed since this was last set to False.
-    """
-
-    def __init__(self) -> None:
-        self.timeout_ns = self.window_ns = 0
-        self._used: deque[int] = deque(maxlen=_INTERVALS)  # intervals on the path
-        self._intervals: deque[int] = deque(maxlen=_INTERVALS)  # as poses come
-        self._held = self._held_before = self._foreseen = 0
-        self._held_since_ns: int | None = None
-        self.clear()
-
-    def configure(self, timeout_ns: int, window_ns: int) -> None:
-        """Use pose_timeout, as longer intervals are silences, and half the smoothing window."""
-        self.timeout_ns, self.window_ns = timeout_ns, window_ns
-
-    def clear(self) -> None:
-        """Forget the last poses, since stamps or clock have jumped; the rate stays."""
-        self.fresh = True
-        self._newest_ns: int | None = None
-        self._delays: list[int] = []
-        self._slot_ns = self._since_ns = self._least_ns = 0
-        self._largest: deque[int] = deque(maxlen=_WINDOWS)
-
-    def accept(self, stamp_ns: int, now_ns: int) -> None:
-        """Note that a pose has come at this time of the time base [ns]."""
-        self.fresh = True
-        self._note_delay(now_ns - stamp_ns, now_ns)
-        newest_ns = self._newest_ns
-        if newest_ns is None or stamp_ns > newest_ns:
-            self._newest_ns = stamp_ns
-        if newest_ns is None or stamp_ns <= newest_ns:
-            return
-        interval_ns = stamp_ns - newest_ns
-        self._intervals.append(interval_ns)
-        if len(self._used) < _FORESEEN and interval_ns <= self.timeout_ns:
-            self._foreseen = max(self._foreseen, self._need(interval_ns))
-
-    def use(self, before_ns: int, stamp_ns: int) -> None:
-        """Note that the path goes from one stamp to the next [ns]: none comes between any more."""
-        self.fresh = True
-        self._used.append(stamp_ns - before_ns)
-        if len(self._used) >= _FORESEEN:
-            self._foreseen = 0
-        if self._held_since_ns is None or stamp_ns - self._held_since_ns > _CALM:
-            self._held_before, self._held = self._held, 0
-            self._held_since_ns = stamp_ns
-        self._held = max(self._held, self._need(_second_largest(self._used)))
-
-    def _need(self, interval_ns: int) -> int:
-        smoothing = self.window_ns + interval_ns if self.window_ns else 0
-        return interval_ns + interval_ns // 2 + smoothing
-
-    def _note_delay(self, delay_ns: int, now_ns: int) -> None:
-        begun = bool(self._delays or self._largest)
-        self._least_ns = min(delay_ns, self._least_ns) if begun else delay_ns
-        if self._delays and abs(now_ns - self._slot_ns) < _AT_ONCE:
-            self._delays[-1] = max(delay_ns, self._delays[-1])
-            return
-        if len(self._delays) >= _PER_WINDOW and now_ns - self._since_ns >= _WINDOW:
-            self._largest.append(max(self._delays))
-            self._delays = []
-        if not self._delays:
-            self._since_ns = now_ns
-        self._delays.append(delay_ns)
-        self._slot_ns = now_ns
-
-    @property
-    def interval_ns(self) -> int:
-        """The second longest of the last intervals [ns]."""
-        return _second_largest(self._intervals)
-
-    @property
-    def delay_ns(self) -> int:
-        """The usual delay of the messages [ns]."""
-        # The only window may contain a hold-up at the beginning.
-        return max(0, min(self._largest) if len(self._largest) > 1 else self._least_ns)
-
-    @property
-    def need_ns(self) -> int:
-        """The lag that these poses need [ns]; 0 = not known yet."""
-        need = max(self._held, self._held_before, self._foreseen)
-        return need + self.delay_ns if need else 0
-
-    @property
-    def known(self) -> bool:
-        """Whether the rate is seen from more than a few poses."""
-        return len(self._intervals) >= 3
-
-    @property
-    def slower_than_timeout(self) -> bool:
-        """Whether poses often come at longer intervals than pose_timeout."""
-        slow = sum(interval > self.timeout_ns for interval in self._intervals)
-        return slow >= _SILENCES
-
-
-def _second_largest(values: deque[int]) -> int:
-    """The second largest of several values, the largest of fewer than four."""
-    ordered = sorted(values)
-    return ordered[-2 if len(ordered) > 3 else -1] if ordered else 0
-
-
 class Segment(NamedTuple):
     """A motion from step `first` to step `last` of the grid; None: at rest until further notice."""
 
@@ -410,13 +295,11 @@ class GripperPath(SmoothedPoses):
     Attributes:
         silent: whether the last pose is being held after a silence.
         newest: the last pose received, used or not; None = none since `clear`.
-        timing: how often and how late poses come.
     """
 
     def __init__(self, end: str, holder: Holder | Obstacle, journal: Journal) -> None:
         self.end = end
         self._note = journal.event
-        self.timing = PoseTiming()
         super().__init__(0, 0, _MOST_WAITING)
         self.configure(holder)
 
@@ -424,7 +307,6 @@ class GripperPath(SmoothedPoses):
         """Use the settings of this holder from the next pose on."""
         self.timeout_ns = self.longest_gap_ns = round(holder.pose_timeout * SECOND)
         self.half_window_ns = round(holder.pose_smoothing * SECOND)
-        self.timing.configure(self.timeout_ns, self.half_window_ns)
         self._in_frame: tuple[Vector, Quaternion] | None = None
         if isinstance(holder, Obstacle) and holder.frame:
             self._in_frame = holder.position, normalized(holder.orientation)
@@ -434,7 +316,6 @@ class GripperPath(SmoothedPoses):
         super().clear()
         self.silent = False
         self.newest: Pose | None = None
-        self.timing.clear()
         self._center: Pose | None = None
         self._interval_ns = 0
         self._shift: Shift | None = None
@@ -518,7 +399,6 @@ class GripperPath(SmoothedPoses):
                 segment = self._come_to_rest(grid, index, time)
             else:
                 self._center = self.take()
-                self.timing.use(center.stamp_ns, stamp_ns)
                 segment = self._segment_between(center, self._center, grid, index, time)
             if segment is not None:
                 return segment

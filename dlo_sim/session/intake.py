@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right, insort
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -206,14 +206,11 @@ def _too_distant(values: Sequence[float]) -> Refused:
     return Refused("too_large", f"position {shown} is beyond {MOST_DISTANT:g} m; check its unit")
 
 
-class Accepted(NamedTuple):
-    """A message that is used by the inputs `entries` (one topic may drive several); `restart`:
-    whether everything before it is forgotten.
-    """
-
-    restart: bool
-    entries: tuple[InputTopic, ...]
-    message: Pose | LoadMessage | TakeMessage | Points | Markers
+Message = Pose | LoadMessage | TakeMessage | Points | Markers
+Take = Callable[[tuple[InputTopic, ...], Message, bool], None]
+"""What is told of a message before it is put into the queues of these inputs (one topic may drive
+several), and whether everything before it is forgotten.
+"""
 
 
 class _Topic:
@@ -283,10 +280,10 @@ class Intake:
 
     Args:
         scene: gives limits, frames and timeouts.
-        queues: input topics by resolved names, and tf2 frames -> queue that knows up to which stamp
-            the simulation has used it.
+        queues: input topics by resolved names, and tf2 frames -> queue of their messages, which
+            knows up to which stamp the simulation has used it.
         time_base: decides from the stamps which messages are used and at which time.
-        journal: counts the messages.
+        journal: counts the messages. take: is called with each message that is used.
         transforms: looks up frames that the scene does not name; None: they are refused.
     """
 
@@ -296,9 +293,10 @@ class Intake:
         queues: Mapping[InputTopic, Waiting[Any]],
         time_base: TimeBase,
         journal: Journal,
+        take: Take,
         transforms: Transforms | None = None,
     ) -> None:
-        self._note = journal.event
+        self._note, self._take = journal.event, take
         self.time_base = time_base
         self._transforms = transforms
         # Frame -> stamp of its last pose [ns].
@@ -326,11 +324,8 @@ class Intake:
         for topic in self._topics.values():
             topic.clear()
 
-    def accept(
-        self, name: str, raw: cdr.Bytes, arrival_ns: int, patience_ns: int
-    ) -> list[Accepted]:
-        """Check one message; return the messages to be used now: this one, and waiting ones of its
-        topic.
+    def accept(self, name: str, raw: cdr.Bytes, arrival_ns: int, patience_ns: int) -> None:
+        """Check one message; use it, and those of its topic that have waited.
 
         Refused messages are counted. `patience_ns`: how long a message waits for its transform
         [ns].
@@ -341,55 +336,49 @@ class Intake:
         topic = self._topics[name]
         topic.record.last_arrival_ns = arrival_ns
         if topic.kind == "markers" and cdr.lists_nothing(raw):  # as of a camera that sees nothing
-            return []
+            return
         try:
             keep_missing = topic.kind not in POINT_KINDS
             most = 2 * self._most_obstacles + 1  # removed and added, after DELETEALL
             message = cdr.decode(topic.type, raw, keep_missing=keep_missing, most=most)
         except cdr.DecodeError as error:
             topic.record.refuse(error.reason, f"{error}; publish {topic.type}")
-            return []
+            return
         topic.waiting.append((message, arrival_ns))
-        return self._look_up(topic, arrival_ns, patience_ns)
+        self._look_up(topic, arrival_ns, patience_ns)
 
-    def sample(self, clock_ns: int, patience_ns: int) -> list[Accepted]:
+    def look(self, clock_ns: int, patience_ns: int) -> None:
+        """Use messages that have waited, and new poses of tf2, at this clock time [ns]."""
+        if self._transforms is not None:
+            self._sample(self._transforms, clock_ns)
+        for topic in self._topics.values():
+            if topic.waiting:
+                self._look_up(topic, clock_ns, patience_ns)
+            if topic.source.pending or topic.source.undated:
+                self._follow(topic, self.time_base.due(topic.source, clock_ns))
+
+    def _sample(self, transforms: Transforms, clock_ns: int) -> None:
         """Take the newest pose of every tf2 frame that drives an end effector or an obstacle,
         unless it was taken before, as a message that arrives at this clock time [ns].
         """
-        accepted: list[Accepted] = []
-        if self._transforms is None:
-            return accepted
         for frame, last_ns in self._sampled.items():
             try:
-                stamp_ns, position, orientation = self._transforms.lookup(frame, None)
+                stamp_ns, position, orientation = transforms.lookup(frame, None)
             except Refused:  # the session reports that it waits
                 continue
-            if stamp_ns and stamp_ns == last_ns:
-                continue
-            self._sampled[frame] = stamp_ns
-            topic = self._topics[frame]
-            topic.record.last_arrival_ns = clock_ns
-            topic.waiting.append((Stamped(stamp_ns, "", (*position, *orientation)), clock_ns))
-            accepted += self._look_up(topic, clock_ns, patience_ns)
-        return accepted
-
-    def due(self, clock_ns: int, patience_ns: int) -> list[Accepted]:
-        """Messages that have waited and are to be used at this clock time [ns]."""
-        accepted: list[Accepted] = []
-        for topic in self._topics.values():
-            accepted += self._look_up(topic, clock_ns, patience_ns)
-            if topic.source.pending or topic.source.undated:
-                accepted += self._follow(topic, self.time_base.due(topic.source, clock_ns))
-        return accepted
+            if not stamp_ns or stamp_ns != last_ns:
+                self._sampled[frame] = stamp_ns
+                topic = self._topics[frame]
+                topic.record.last_arrival_ns = clock_ns
+                topic.waiting.append((Stamped(stamp_ns, "", (*position, *orientation)), clock_ns))
 
     def refuse_waiting(self) -> None:
         """Refuse the messages whose stamps still wait for confirmation, as no more will arrive."""
         for topic in self._topics.values():
             self._follow(topic, self.time_base.refute(topic.source))
 
-    def _look_up(self, topic: _Topic, clock_ns: int, patience_ns: int) -> list[Accepted]:
+    def _look_up(self, topic: _Topic, clock_ns: int, patience_ns: int) -> None:
         """Process the messages of a topic in order, up to one whose transform may still arrive."""
-        accepted: list[Accepted] = []
         while topic.waiting:
             message, arrival_ns = topic.waiting[0]
             if not message.frame_id and topic.kind in ("wrench", "force"):
@@ -408,9 +397,8 @@ class Intake:
                 topic.record.refuse(refused.reason, refused.detail)
             else:
                 decisions = self.time_base.sort(topic.source, message, arrival_ns)
-                accepted += self._follow(topic, decisions)
+                self._follow(topic, decisions)
             topic.waiting.popleft()
-        return accepted
 
     def _changes(self, topic: _Topic, message: Stamped, arrival_ns: int) -> Stamped:
         """The changes of obstacles by the markers of a message, in the world frame.
@@ -473,22 +461,20 @@ class Intake:
         stamp_ns = message.stamp_ns if stamped else self.time_base.from_clock(arrival_ns)
         return in_world(message, kind, self._transforms.lookup(message.frame_id, stamp_ns))
 
-    def _follow(self, topic: _Topic, decisions: Iterable[Decision]) -> list[Accepted]:
+    def _follow(self, topic: _Topic, decisions: Iterable[Decision]) -> None:
         """Use or refuse messages as the time base decides."""
-        accepted = []
         passed = [queue.passed_ns for queue in topic.queues]
         topic.source.passed_ns = max((ns for ns in passed if ns is not None), default=None)
         for decision in decisions:
             try:
-                accepted.append(self._use(topic, decision))
+                self._use(topic, decision)
             except Copy:
                 topic.record.copies += 1
             except Refused as refused:
                 topic.record.refuse(refused.reason, refused.detail)
-        return accepted
 
-    def _use(self, topic: _Topic, decision: Decision) -> Accepted:
-        """Convert and count a message that the time base accepts.
+    def _use(self, topic: _Topic, decision: Decision) -> None:
+        """Convert, count and pass on a message that the time base accepts.
 
         Raises Copy if it is the same message again, Refused if it or its pose cannot be used.
         """
@@ -497,7 +483,7 @@ class Intake:
         stamp_ns, end, values = decision.message
         if decision.restart:
             self.clear()
-        message: Pose | LoadMessage | TakeMessage | Points | Markers
+        message: Message
         if topic.is_pose:
             message = topic.pose(values, stamp_ns)
             before, after = topic.around(stamp_ns)
@@ -519,7 +505,9 @@ class Intake:
             message = LoadMessage(stamp_ns, values[:3], values[3:] or (0.0, 0.0, 0.0), end)
         topic.source.use(decision.message)
         topic.record.accepted += 1
-        return Accepted(decision.restart, topic.entries, message)
+        self._take(topic.entries, message, decision.restart)
+        for queue in topic.queues:
+            queue.add(message)
 
     def _suspect_unit(self, topic: _Topic, pose: Pose) -> None:
         """Note a first pose that seems to be in millimetres."""

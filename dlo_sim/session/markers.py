@@ -97,7 +97,7 @@ def change_of(marker: cdr.Marker, radius: float) -> Change:
 
 def _mesh_of(marker: cdr.Marker, radius: float) -> tuple[str, Vector]:
     """The triangles of a marker as `Obstacle.mesh`, and their extents [m]."""
-    from dlo_sim.simulation.meshes import Grid, as_text  # imports the compiler
+    from dlo_sim.simulation.meshes import Grid, keep_triangles  # imports the compiler
 
     count = len(marker.points)
     if count % 3 or not 4 <= count // 3 <= MOST_TRIANGLES:
@@ -107,7 +107,7 @@ def _mesh_of(marker: cdr.Marker, radius: float) -> tuple[str, Vector]:
     if np.abs(points).max() > _LARGEST:
         raise _bad(f"a corner is more than {_LARGEST:g} m away; check the unit of its lengths")
     try:
-        mesh = as_text(points.reshape(-1, 3, 3))
+        mesh = keep_triangles(points.reshape(-1, 3, 3))
         Grid(points, _CELLS, radius)
     except ValueError as problem:
         raise _bad(str(problem).partition(": ")[2]) from None

@@ -17,7 +17,7 @@ All are in the world frame `frame_id`; the stamp is the time of the state.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -36,6 +36,7 @@ from dlo_sim.session.topics import (
     CONTROL_POINTS,
     CONTROL_POLYGON,
     DEFAULT_NAMING,
+    MARKERS,
     POINTS,
     REACTION,
     TF,
@@ -72,7 +73,6 @@ class Outputs:
     """Encodes the state of one simulator.
 
     Attributes:
-        topics: of the messages, in the order of publication.
         not_finite: messages withheld because a number in them was not finite.
     """
 
@@ -96,7 +96,6 @@ class Outputs:
         self._fields = ["x", "y", "z", "u"] + ["tension"] * (not scene.without_tension)
         # The weight of the cable has a tenth of its length.
         self._length_per_force = 0.1 / (scene.cable.mu * EARTH)
-        self._capsules = cdr.CapsuleEncoder(frame, "capsules", capsules, _CABLE_COLOR, lifetime)
         encoders: dict[str, _Encode] = {
             CONTROL_POINTS: self._encode_control_points,
             CENTERLINE: self._encode_centerline,
@@ -110,21 +109,30 @@ class Outputs:
             REACTION.format(name): partial(self._encode_reaction, name) for name in scene.holders
         }
         self._topics = tuple(
-            (topic, message_type, encoders[topic])
+            (topic, message_type, encoders[topic], topic in MARKERS)
             for topic, message_type in output_topics(scene).items()
             if topic in encoders  # the others need more than the present state
         )
-        self.topics = [topic for topic, _, _ in self._topics]
 
     def messages(
-        self, simulator: Simulator, stamp_ns: int, wanted: Collection[str]
+        self,
+        simulator: Simulator,
+        stamp_ns: int,
+        wanted: Collection[str] | None = None,
+        again: Collection[str] = (),
+        states: bool = True,
+        markers: bool = True,
     ) -> list[OutgoingMessage]:
-        """The messages of this state with a stamp (clock time [ns]); only the wanted topics are
-        computed.
+        """The messages of this state with a stamp (clock time [ns]).
+
+        Args:
+            wanted: topics to compute, None = all: those of the state if `states`, those of markers
+                if `markers`. again: topics to compute in any case.
         """
         messages: list[OutgoingMessage] = []
-        for topic, message_type, encode in self._topics:
-            if topic not in wanted:
+        for topic, message_type, encode, is_marker in self._topics:
+            due = (markers if is_marker else states) and (wanted is None or topic in wanted)
+            if not due and topic not in again:
                 continue
             data = encode(simulator, stamp_ns)
             if data is None:
@@ -175,30 +183,33 @@ class Outputs:
             return None
         joints = line[::_FINER]
         radii = 0.5 * self._scene.cable.diameter + _sag(line[:-1].reshape(-1, _FINER, 3), joints)
-        return self._capsules.encode(stamp_ns, joints, radii)
+        return self._encode_bodies("capsules", stamp_ns, capsules_of(joints, radii))
 
     def _encode_contacts(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         scene, bodies, lines = self._scene, [], [np.zeros((0, 3))]
         for obstacle in simulator.scene.bodies:
-            pose = simulator.end_pose(obstacle.name)
-            if obstacle.shape == "mesh" and obstacle.mesh_url:
-                where, size = [*pose[0], *pose[1]], (obstacle.mesh_scale,) * 3
-                url = obstacle.mesh_url
-                bodies.append(cdr.Body(cdr.MESH_RESOURCE, where, size, resource=url))
+            position, turned = simulator.end_pose(obstacle.name)
+            pose, url = [*position, *turned], obstacle.mesh_url
+            if obstacle.shape == "mesh" and url:
+                size = (obstacle.mesh_scale,) * 3
+                bodies.append(cdr.Body(cdr.MESH_RESOURCE, _BODY_COLOR, pose, size, resource=url))
             elif obstacle.shape not in _MARKED:
                 points = simulator.surface(obstacle.name).reshape(-1, 3)
-                bodies.append(cdr.Body(cdr.TRIANGLE_LIST, [*pose[0], *pose[1]], (1.0,) * 3, points))
+                bodies.append(cdr.Body(cdr.TRIANGLE_LIST, _BODY_COLOR, pose, (1.0,) * 3, points))
             else:
-                bodies += _bodies(obstacle, *pose, scene.cable.length)
+                bodies += _bodies(obstacle, position, turned, scene.cable.length)
         for one in simulator.contacts.values():
             ends = one.points + self._length_per_force * one.forces
             lines.append(np.stack([one.points, ends], axis=1).reshape(-1, 3))
         forces = np.concatenate(lines)
         if not (_finite(forces) and all(_finite(np.array(body.pose)) for body in bodies)):
             return None
-        width, colors = 0.3 * scene.cable.diameter, (_BODY_COLOR, _FORCE_COLOR)
-        head = scene.frame_id, stamp_ns, self._lifetime
-        return cdr.encode_contacts(*head, bodies, forces, width, colors)
+        extents = (0.3 * scene.cable.diameter, 0.0, 0.0)
+        arrows = cdr.Body(cdr.LINE_LIST, _FORCE_COLOR, cdr.NO_POSE, extents, forces)
+        return self._encode_bodies("contacts", stamp_ns, [arrows, *bodies])
+
+    def _encode_bodies(self, namespace: str, stamp_ns: int, bodies: Iterable[cdr.Body]) -> bytes:
+        return cdr.encode_bodies(self._scene.frame_id, namespace, stamp_ns, self._lifetime, bodies)
 
     def _encode_transforms(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         simulator.control_poses(self._poses.rows)
@@ -216,7 +227,7 @@ def _bodies(obstacle: Obstacle, position: Array, turned: Array, length: float) -
     up = rotations.rotate(turned, np.array([0.0, 0.0, 1.0]))
 
     def body(kind: int, away: float, *extents: float) -> cdr.Body:
-        return cdr.Body(kind, [*(position + away * up), *turned], extents)
+        return cdr.Body(kind, _BODY_COLOR, [*(position + away * up), *turned], extents)
 
     if obstacle.shape == "plane":
         return [body(cdr.CUBE, -0.5 * _PLATE, 4.0 * length, 4.0 * length, _PLATE)]
@@ -227,6 +238,30 @@ def _bodies(obstacle: Obstacle, position: Array, turned: Array, length: float) -
     straight = max(z - x, 0.0) if obstacle.shape == "capsule" else 0.0
     caps = [body(cdr.SPHERE, side * 0.5 * straight, x, x, x) for side in (-1.0, 1.0)]
     return [*caps, body(cdr.CYLINDER, 0.0, x, x, straight)] if straight else caps[:1]
+
+
+def capsules_of(joints: Array, radii: Array) -> list[cdr.Body]:
+    """Cylinders between joints [m], shape (count + 1, 3), with radii [m], shape (count,), and a
+    sphere at each joint with the larger radius of its cylinders.
+    """
+    ways = np.diff(joints, axis=0)
+    lengths = np.linalg.norm(ways, axis=1)
+    # A cylinder can be reversed, so its axis never has to turn by more than 90 degrees.
+    upward = np.where(ways[:, 2:] < 0.0, -ways, ways)
+    upward[lengths == 0.0] = 0.0, 0.0, 1.0
+    turned = rotations.minimal_rotation(np.array([0.0, 0.0, 1.0]), upward)
+    poses = np.hstack([0.5 * (joints[1:] + joints[:-1]), turned])
+    thick = np.maximum(np.append(radii, 0.0), np.insert(radii, 0, 0.0))
+    return [
+        *(
+            cdr.Body(cdr.CYLINDER, _CABLE_COLOR, pose, (2.0 * radius, 2.0 * radius, length))
+            for pose, radius, length in zip(poses, radii, lengths, strict=True)
+        ),
+        *(
+            cdr.Body(cdr.SPHERE, _CABLE_COLOR, [*joint, *cdr.NO_POSE[3:]], (2.0 * radius,) * 3)
+            for joint, radius in zip(joints, thick, strict=True)
+        ),
+    ]
 
 
 def _sag(pieces: Array, joints: Array) -> Array:

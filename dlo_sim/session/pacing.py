@@ -1,24 +1,36 @@
 """How far a tick advances: the lag behind the clock, the published times, and what overload drops.
 
 The path of an end effector turns half-way between two poses towards the next one. With intervals dt
-and a delay D of the messages, the simulation therefore has to run 1.5 dt + D behind the clock
-(measured by `gripper_path.PoseTiming`). With inputs.latency `auto` the lag follows this need; a
-shorter fixed lag is reported with the one that would do. The lag decides which states are published
-and when, and how late a message may be; steps, paths and stamps do not depend on it.
+and a delay D of the messages, the simulation therefore has to run 1.5 dt + D behind the clock, and
+a smoothing window and an interval more if poses are smoothed (`PoseTiming`). With inputs.latency
+`auto` the lag follows this need; a shorter fixed lag is reported with the one that would do. The
+lag decides which states are published and when, and how late a message may be; steps, paths and
+stamps do not depend on it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from bisect import bisect_right, insort
+from collections import deque
 from enum import Enum
+from itertools import pairwise
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.node import LEAST_LATENCY, MOST_LATENCY
 from dlo_sim.session.diagnostics import Journal
-from dlo_sim.session.gripper_path import PoseTiming
 from dlo_sim.session.time_base import SECOND
 
+_INTERVALS = 10  # of which the second largest is the need: a single dropout does not count
+_FEW = 4  # intervals from which the need is known, and held; of fewer, the longest foretells it
+_KEPT = 100  # stamps, of which the newest may still come out of order
+_SILENCES = 3  # intervals longer than pose_timeout that are a rate, not silences
+_HELD = 5 * SECOND  # a need that has decreased lowers the lag after one to two times this time
+# The delay of the poses is the smallest of the largest delays in each of _WINDOWS windows: a single
+# hold-up does not count, bursts do. A window lasts at least _WINDOW and contains _PER_WINDOW
+# arrivals. Messages within _AT_ONCE are one arrival with the delay of the oldest, because the path
+# could not continue before they came.
+_AT_ONCE, _WINDOW, _PER_WINDOW, _WINDOWS = SECOND // 50, SECOND // 4, 5, 8
 _GROWN = 1.2  # factor by which a need has grown when it is reported again
 _QUANTUM = 10_000_000  # steps of the lag [ns], at least
 _JITTER = 500_000  # [ns]: usual jitter of ticks; at most a quarter of the period is used
@@ -72,15 +84,93 @@ class OutputGrid:
         return index * period
 
 
-class Latency:
-    """The lag `ns` [ns] of the prediction.
+class PoseTiming:
+    """The lag that the poses of one end effector need, from their newest stamps and their delays.
 
-    Args:
-        timings: end or grasp -> the rate and delay of its poses.
+    Attributes:
+        timeout_ns, window_ns: pose_timeout, as longer intervals are silences, and half the
+            smoothing window [ns].
+        interval_ns: second longest of the last intervals [ns].
+        slower_than_timeout: whether poses often come at longer intervals than pose_timeout.
     """
 
-    def __init__(self, scene: Scene, timings: Mapping[str, PoseTiming], journal: Journal) -> None:
-        self._timings, self._note = timings, journal.event
+    def __init__(self, timeout_ns: int = SECOND, window_ns: int = 0) -> None:
+        self.timeout_ns, self.window_ns = timeout_ns, window_ns
+        self.interval_ns, self.slower_than_timeout = 0, False
+        self._held = self._held_before = self._held_since_ns = self._foreseen = 0
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the last poses, since stamps or clock have jumped; the need stays."""
+        self._stamps: list[int] = []  # the newest, in their order
+        self._delays: list[int] = []
+        self._at_ns = self._since_ns = self._least_ns = 0
+        self._largest: deque[int] = deque(maxlen=_WINDOWS)
+
+    def accept(self, stamp_ns: int, now_ns: int) -> None:
+        """Note that a pose has come at this time of the time base [ns]."""
+        self._note_delay(now_ns - stamp_ns, now_ns)
+        insort(self._stamps, stamp_ns)
+        del self._stamps[:-_KEPT]
+        # Between later ones, others may still come.
+        late_ns = min(self._largest, default=max(self._delays))
+        settled = bisect_right(self._stamps, now_ns - late_ns)
+        newest = self._stamps[max(settled - _INTERVALS - 1, 0) : settled]
+        intervals = sorted(b - a for a, b in pairwise(newest))
+        slow = sum(one > self.timeout_ns for one in intervals)
+        self.interval_ns, self.slower_than_timeout = _second_largest(intervals), slow >= _SILENCES
+        interval_ns = _second_largest(intervals[: len(intervals) - slow])
+        smoothing_ns = self.window_ns + interval_ns if self.window_ns and interval_ns else 0
+        need_ns = interval_ns + interval_ns // 2 + smoothing_ns
+        if abs(now_ns - self._held_since_ns) > _HELD:
+            self._held_before, self._held, self._held_since_ns = self._held, 0, now_ns
+        self._foreseen = need_ns if len(intervals) < _FEW else 0
+        if not self._foreseen:
+            self._held = max(self._held, need_ns)
+
+    def _note_delay(self, delay_ns: int, now_ns: int) -> None:
+        begun = bool(self._delays or self._largest)
+        self._least_ns = min(delay_ns, self._least_ns) if begun else delay_ns
+        if self._delays and abs(now_ns - self._at_ns) < _AT_ONCE:
+            self._delays[-1] = max(delay_ns, self._delays[-1])
+            return
+        if len(self._delays) >= _PER_WINDOW and now_ns - self._since_ns >= _WINDOW:
+            self._largest.append(max(self._delays))
+            self._delays = []
+        if not self._delays:
+            self._since_ns = now_ns
+        self._delays.append(delay_ns)
+        self._at_ns = now_ns
+
+    @property
+    def delay_ns(self) -> int:
+        """The usual delay of the messages [ns]."""
+        # The only window may contain a hold-up at the beginning.
+        return max(0, min(self._largest) if len(self._largest) > 1 else self._least_ns)
+
+    @property
+    def need_ns(self) -> int:
+        """The lag that these poses need [ns]; 0 = not known yet."""
+        need = max(self._held, self._held_before, self._foreseen)
+        return need + self.delay_ns if need else 0
+
+    @property
+    def known(self) -> bool:
+        """Whether the rate is seen from more than a few poses."""
+        return len(self._stamps) > 3
+
+
+def _second_largest(rising: list[int]) -> int:
+    """The second largest of several values, the largest of few."""
+    return rising[-2 if len(rising) >= _FEW else -1] if rising else 0
+
+
+class Latency:
+    """The lag `ns` [ns] of the prediction."""
+
+    def __init__(self, scene: Scene, journal: Journal) -> None:
+        self._note = journal.event
+        self._timings = {name: PoseTiming() for name in scene.moved}
         self.configure(scene)
 
     def configure(self, scene: Scene) -> None:
@@ -89,30 +179,45 @@ class Latency:
         self._period_ns = round(1e9 / scene.rate)
         self.ns = round(scene.inputs.least_latency * SECOND)
         self._said: dict[tuple[str, str], int] = {}
+        self._fresh: dict[str, None] = {}  # those whose poses came since the last update
+        for name, one in scene.moved.items():
+            timing = self._timings[name]
+            timing.timeout_ns = round(one.pose_timeout * SECOND)
+            timing.window_ns = round(one.pose_smoothing * SECOND)
         self._choose()
+
+    def clear(self) -> None:
+        """Forget the last poses, since stamps or clock have jumped."""
+        for timing in self._timings.values():
+            timing.clear()
+
+    def accept(self, name: str, stamp_ns: int, now_ns: int) -> None:
+        """Note that a pose of an end effector has come at this time of the time base [ns]."""
+        self._timings[name].accept(stamp_ns, now_ns)
+        self._fresh[name] = None
 
     def update(self) -> None:
         """Choose the lag from what is known of the poses now, or say what they need."""
-        if not any(timing.fresh for timing in self._timings.values()):
-            return
         before_ns = self.ns
-        self._choose()
-        for end, timing in self._timings.items():
-            timing.fresh = False
+        if self._fresh:
+            self._choose()
+        for name in self._fresh:
+            timing = self._timings[name]
             need_ns = timing.need_ns
             if timing.slower_than_timeout:
                 enough = math.ceil(30 * timing.interval_ns / SECOND) / 10
-                key = end if end in ("start", "end") else f"grasps.{end}"
+                key = name if name in ("start", "end") else f"grasps.{name}"
                 self._say(
-                    *(end, "timeout", timing.interval_ns),
+                    *(name, "timeout", timing.interval_ns),
                     f", further apart than {key}.pose_timeout {timing.timeout_ns / SECOND:g} s: "
                     f"each is held as the last; set it to {enough:g} to move between them",
                 )
             elif self._auto and need_ns > before_ns and self.ns > before_ns:
                 late = f"; to move between them, outputs are {self.ns / SECOND:g} s late"
-                self._say(end, "auto", self.ns, late)
+                self._say(name, "auto", self.ns, late)
             elif need_ns > self.ns and timing.known:
-                self._say(end, "need", need_ns, self._too_short(need_ns))
+                self._say(name, "need", need_ns, self._too_short(need_ns))
+        self._fresh.clear()
 
     def _choose(self) -> None:
         if not self._auto:
@@ -134,15 +239,15 @@ class Latency:
             f"until the next one is there; {cure}"
         )
 
-    def _say(self, end: str, what: str, size_ns: int, text: str) -> None:
+    def _say(self, name: str, what: str, size_ns: int, text: str) -> None:
         """Say what follows from the rate of the poses, once unless it has grown since."""
-        if size_ns > _GROWN * self._said.get((end, what), 0):
-            self._said[end, what] = size_ns
-            timing = self._timings[end]
+        if size_ns > _GROWN * self._said.get((name, what), 0):
+            self._said[name, what] = size_ns
+            timing = self._timings[name]
             late = timing.delay_ns / SECOND
             late_by = f", {late:.3g} s late" if timing.delay_ns > _QUANTUM else ""
             apart = f"{timing.interval_ns / SECOND:.3g} s apart"
-            self._note("slow_poses", f"poses of {end} come {apart}{late_by}{text}")
+            self._note("slow_poses", f"poses of {name} come {apart}{late_by}{text}")
 
 
 class Shed(Enum):
@@ -153,7 +258,8 @@ class Shed(Enum):
 
 
 class Pacing:
-    """The limits of a tick, the lag, and the outputs that are dropped because of it.
+    """The limits of a tick, the lag, and the outputs that are dropped because of it; to be given a
+    scene by `configure`.
 
     Attributes:
         grid: times of the states to publish. most_steps: largest number of steps of one tick.
@@ -162,9 +268,8 @@ class Pacing:
         shed: which outputs the caller must leave out.
     """
 
-    def __init__(self, scene: Scene, step: float, live: bool) -> None:
+    def __init__(self, live: bool) -> None:
         self._live = live
-        self.configure(scene, step)
         self.clear()
 
     def configure(self, scene: Scene, step: float) -> None:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from dlo_sim import __version__
 from dlo_sim.core.arguments import numbers
+from dlo_sim.core.methods import METHODS
 from dlo_sim.core.npz import NpzUnreadable, read_npz
 from dlo_sim.process.atomic_output import write_atomically
 from dlo_sim.scene.description import Obstacle, Scene, scene_from_values, scene_values
@@ -60,8 +61,8 @@ def save_state(path: Path, state: Snapshot) -> None:
         "steps": state.steps,
         "remainder": state.remainder,
         "needs": dataclasses.asdict(state.needs),
-        "origin": state.origin.tolist(),
-        "step": state.step,
+        "origin": state.model.origin.tolist(),
+        "choice": vars(state.choice) | {"method": state.choice.method.name},
         "added": [dataclasses.asdict(obstacle) for obstacle in state.scene.added],
         "geometries": {
             name: [*(getattr(one, vector).tolist() for vector in _VECTORS), one.u]
@@ -121,7 +122,8 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
     """The state in the contents of a file; ValueError, TypeError, KeyError if inconsistent."""
     from dlo_sim.simulation.build_model import build_model
     from dlo_sim.simulation.geometry import Geometry  # these import the compiler
-    from dlo_sim.simulation.running import Snapshot
+    from dlo_sim.simulation.running import Noticed, Snapshot
+    from dlo_sim.simulation.selection import Choice
 
     needs = Needs(**_with_tuples(head["needs"]))
     geometries = {}
@@ -132,19 +134,11 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
     taken = (replace(g, taken=geometries[g.name].u is not None) for g in scene.grasps)
     added = tuple(Obstacle(**_with_tuples(one)) for one in head["added"])
     scene = replace(scene, grasps=tuple(taken), added=added)
-    # Compiled code would read beyond arrays that are too short.
-    of_inputs, of_state = build_model(scene, needs, geometries).rooms
-    return Snapshot(
-        scene,
-        head["steps"],
-        head["remainder"],
-        needs,
-        numbers("state", state, (of_state,)),
-        numbers("inputs", inputs, (of_inputs,)),
-        geometries,
-        np.array(head["origin"]),
-        head["step"],
-    )
+    model = build_model(scene, needs, geometries, np.array(head["origin"]))
+    choice = Choice(**head["choice"] | {"method": METHODS[head["choice"]["method"]]})
+    of_inputs, of_state = model.rooms  # compiled code would read beyond arrays that are too short
+    kept = numbers("state", state, (of_state,)), numbers("inputs", inputs, (of_inputs,))
+    return Snapshot(model, needs, choice, head["steps"], head["remainder"], *kept, {}, Noticed())
 
 
 def _with_tuples(values: dict[str, Any]) -> dict[str, Any]:
@@ -209,7 +203,7 @@ class StateKeeper:
             save_state(path, saved)
         except Exception as error:  # no one waits for this thread
             self._log.warning(
-                f"state.save_to: {path} cannot be written ({one_line(str(error))}); free space or "
+                f"state.save_to: {path} cannot be written ({one_line(error)}); free space or "
                 "choose another folder",
                 throttle_duration_sec=5.0,
             )

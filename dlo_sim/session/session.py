@@ -31,11 +31,11 @@ from dlo_sim.session.diagnostics import (
 )
 from dlo_sim.session.drive import Drive, Prepared
 from dlo_sim.session.gripper_path import Pose
-from dlo_sim.session.intake import Accepted, Intake, Transforms
+from dlo_sim.session.intake import Intake, Message, Transforms
 from dlo_sim.session.outputs import OutgoingMessage, Outputs
 from dlo_sim.session.pacing import Latency, Pacing, Shed
 from dlo_sim.session.time_base import MOST_AHEAD, TimeBase
-from dlo_sim.session.topics import DEFAULT_NAMING, MARKERS, Naming, tf_inputs
+from dlo_sim.session.topics import DEFAULT_NAMING, InputTopic, Naming, tf_inputs
 from dlo_sim.simulation.resolution import knot_grading
 
 if TYPE_CHECKING:
@@ -86,19 +86,19 @@ class Session:
         sources = (*self.inputs, *tf_inputs(scene))
         self.journal = Journal([entry.topic for entry in sources])
         self._drive = Drive(scene, simulator_factory, self.journal, live, resume)
-        timings = {name: path.timing for name, path in self._drive.paths.items()}
-        self._latency = Latency(scene, timings, self.journal)
+        self._latency = Latency(scene, self.journal)
         queues = {entry: self._drive.queue(entry) for entry in sources}
-        self._intake = Intake(scene, queues, self._time, self.journal, transforms)
+        self._intake = Intake(scene, queues, self._time, self.journal, self._take, transforms)
+        self._clock_ns = self._offset_ns = 0  # of the last message or tick
         self._live, self._accuracy = live, Accuracy(scene, self.journal)
-        self._outputs = self._new_outputs()
         _look_at(self._drive.simulator, scene)
-        self._pacing = Pacing(scene, self._drive.simulator.step, live)
+        self._pacing = Pacing(live)
+        self._follow_simulator()
         self.restarts = 0
         self._paused = False
         self._resuming = False
+        self._next_look = 0
         self._failure = ""
-        self._waiting: tuple[str, ...] = ()
         self._marker_count: int | None = None
         self._given_out: tuple[Simulator, int] | None = None
         self._markers_due = False
@@ -170,9 +170,8 @@ class Session:
             raw: CDR bytes. arrival_ns: clock time of its arrival [ns].
         """
         self._watch_clock(arrival_ns, tick=False)
-        before = self._time.offset_ns
-        accepted = self._intake.accept(topic, raw, arrival_ns, self._latency.ns)
-        self._use(accepted, before, arrival_ns)
+        self._intake.accept(topic, raw, arrival_ns, self._latency.ns)
+        self._follow_offset()
 
     def until_tick(self, now_ns: int) -> int:
         """Time [ns] from this clock time to the next regular tick, just after a state has become
@@ -185,28 +184,27 @@ class Session:
         far as inputs and limits allow.
         """
         self._watch_clock(now_ns, tick=True)
-        before = self._time.offset_ns
-        lag_ns = self._latency.ns
-        accepted = self._intake.sample(now_ns, lag_ns) + self._intake.due(now_ns, lag_ns)
-        self._use(accepted, before, now_ns)
+        self._intake.look(now_ns, self._latency.ns)
+        self._follow_offset()
         self._latency.update()
-        count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
-        due = count != self._marker_count and Shed.MARKERS not in self._pacing.shed
-        self._markers_due, self._marker_count = due, count
-        wanted_ns = self._pacing.grid.aim(self._due_ns(now_ns))
+        pacing, drive = self._pacing, self._drive
+        count = int(now_ns * self._marker_rate)
+        self._markers_due = count != self._marker_count and Shed.MARKERS not in pacing.shed
+        self._marker_count = count
+        wanted_ns = pacing.grid.aim(self._due_ns(now_ns))
         if self._paused or self._failure or not (self.started or self._begin(wanted_ns)):
             return self._report(0)
         if self._resuming:
             self._resuming = False
-            self._drive.skip_to(wanted_ns)
-        silence_ns = self._pacing.listen(wanted_ns)
-        steps = self._advance(wanted_ns, self._pacing.most_steps, silence_ns)
-        shed, held_up = self._pacing.shed, bool(self._waiting or self._failure)
-        skip = self._pacing.reached(wanted_ns, self._drive.now_ns, held_up)
-        if self._pacing.shed != shed:
+            drive.skip_to(wanted_ns)
+        shed = pacing.shed
+        steps = self._advance(wanted_ns, pacing.most_steps, pacing.listen(wanted_ns))
+        held_up = bool(drive.waiting or self._failure)
+        skip = pacing.reached(wanted_ns, drive.now_ns, held_up)
+        if pacing.shed != shed:
             self._follow_load(shed)
         if skip:
-            skipped = self._drive.skip_to(wanted_ns)
+            skipped = drive.skip_to(wanted_ns)
             self.journal.skipped_ns += skipped
             lost = f"{skipped * 1e-9:.3f} s could not be computed in time and were skipped"
             self.journal.event("time_skipped", lost)
@@ -230,14 +228,11 @@ class Session:
         """
         if not self.started:
             return []
-        state = self._drive.simulator, self._drive.now_ns
+        simulator, now_ns = state = self._drive.simulator, self._drive.now_ns
         fresh, self._given_out = state != self._given_out, state
         markers, self._markers_due = self._markers_due, False
-        due = set(again)
-        for topic in self._outputs.topics if wanted is None else wanted:
-            if markers if topic in MARKERS else fresh:
-                due.add(topic)
-        messages = self._outputs.messages(self._drive.simulator, self.stamp_ns, due)
+        stamp_ns = self._time.to_clock(now_ns)
+        messages = self._outputs.messages(simulator, stamp_ns, wanted, again, fresh, markers)
         if self._outputs.not_finite:
             self._outputs.not_finite = 0
             self.journal.event("not_published", "an output was not finite and was not published")
@@ -317,10 +312,10 @@ class Session:
         self._intake.configure(scene)
         self._accuracy = Accuracy(scene, self.journal)
         self._latency.configure(scene)
-        self._pacing.configure(self.scene, self._drive.simulator.step)
-        self._outputs = self._new_outputs()
+        self._follow_simulator()
         if time_mode_changed:
             self._time.set_mode(scene.inputs.time)
+            self._offset_ns = 0
             self.reset("inputs.time was changed; simulation reset")
 
     def _due_ns(self, now_ns: int) -> int:
@@ -328,40 +323,40 @@ class Session:
         return self._time.from_clock(now_ns) - self._latency.ns
 
     def _watch_clock(self, clock_ns: int, tick: bool) -> None:
-        back_ns = self._time.watch(clock_ns, tick)
+        self._clock_ns, back_ns = clock_ns, self._time.watch(clock_ns, tick)
         if back_ns:
             back = back_ns * 1e-9
             self._intake.clear()
             self._restart("time_jump", f"the clock went back by {back:.3f} s; simulation reset")
 
-    def _use(self, found: list[Accepted], offset_before: int, clock_ns: int) -> None:
-        """Pass usable messages of this clock time [ns] to the drive; they may have changed the
-        offset.
-        """
-        offset = self._time.offset_ns
-        if not found and offset == offset_before:
+    def _take(self, entries: tuple[InputTopic, ...], message: Message, restart: bool) -> None:
+        """Note a message that some inputs use; all before it is forgotten if `restart`."""
+        if restart:
+            line = "stamps or clock jumped; simulation reset"
+            self._restart("time_jump" if self.started else "", line)
+        stamp_ns, now_ns = message.stamp_ns, self._time.from_clock(self._clock_ns)
+        self._drive.hear()
+        if isinstance(message, Pose):
+            for entry in entries:
+                self._latency.accept(entry.target, stamp_ns, now_ns)
+        topic = entries[0].topic
+        if self.journal.topics[topic].note_delay(now_ns - stamp_ns):
+            ahead = (stamp_ns - now_ns) * 1e-9
+            self.journal.event(
+                "clock_ahead",
+                f"{topic}: stamps are {ahead:.3f} s ahead of the clock, and act late by as "
+                "much; synchronise the clocks or set inputs.time: arrival",
+            )
+
+    def _follow_offset(self) -> None:
+        """Note a new offset of the time base."""
+        offset, before = self._time.offset_ns, self._offset_ns
+        if offset == before:
             return
-        if offset != offset_before:
-            self._pacing.listen_anew()
-            if not any(accepted.restart for accepted in found):
-                self._drive.follow_offset(offset_before - offset)
-        for accepted in found:
-            if accepted.restart:
-                line = "stamps or clock jumped; simulation reset"
-                self._restart("time_jump" if self.started else "", line)
-            for entry in accepted.entries:
-                self._drive.queue(entry).add(accepted.message)
-                stamp_ns, now_ns = accepted.message.stamp_ns, self._time.from_clock(clock_ns)
-                if entry.is_pose:
-                    self._drive.paths[entry.target].timing.accept(stamp_ns, now_ns)
-                if self.journal.topics[entry.topic].note_delay(now_ns - stamp_ns):
-                    ahead = (stamp_ns - now_ns) * 1e-9
-                    self.journal.event(
-                        "clock_ahead",
-                        f"{entry.topic}: stamps are {ahead:.3f} s ahead of the clock, and act "
-                        "late by as much; synchronise the clocks or set inputs.time: arrival",
-                    )
-        if offset and abs(offset - offset_before) > MOST_AHEAD:
+        self._offset_ns = offset
+        self._pacing.listen_anew()
+        self._drive.follow_offset(before - offset)
+        if offset and abs(offset - before) > MOST_AHEAD:
             side = "behind" if offset > 0 else "ahead of"
             away = f"{abs(offset) * 1e-9:.6g} s {side} the clock"
             self.journal.event("other_epoch", f"stamps are {away}; using their own time base")
@@ -378,24 +373,25 @@ class Session:
             return False
         if resumed:
             self.journal.event("resumed", "went on from the state in state.save_to")
-        self._outputs = self._new_outputs()
-        self._pacing.configure(self.scene, self._drive.simulator.step)
+        self._follow_simulator()
         return True
 
     def _advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> int:
-        before = self._drive.unresolved
-        done = self._drive.advance(wanted_ns, most_steps, silence_ns)
-        steps, self._waiting, failure, slow = done
-        if self._drive.unresolved and not before:
-            self.journal.event("unresolved", self._drive.unresolved)
-        if slow:
-            self.journal.event("slow_newton", slow)
-        if self._live:  # else where it is told: refined runs would be waited for
-            self._accuracy.look(self._drive.estimate)
+        drive, simulator = self._drive, self._drive.simulator
+        unresolved, before = drive.unresolved, simulator.steps
+        failure = drive.advance(wanted_ns, most_steps, silence_ns)
+        if drive.unresolved and not unresolved:
+            self.journal.event("unresolved", drive.unresolved)
+        if drive.slow:
+            self.journal.event("slow_newton", drive.slow)
+        # In a replay only where it is told, as refined runs would be waited for.
+        if self._live and drive.estimate is not None and simulator.steps >= self._next_look:
+            self._next_look = drive.estimate.next_look(simulator.steps)
+            self._accuracy.look(drive.estimate)
         if failure:
-            at = self._drive.now_ns * 1e-9
-            self._fail(f"{failure} (at {self._drive.simulator.time:.6f} s, stamp {at:.6f} s)")
-        return steps
+            at = drive.now_ns * 1e-9
+            self._fail(f"{failure} (at {simulator.time:.6f} s, stamp {at:.6f} s)")
+        return simulator.steps - before
 
     def _follow_load(self, before: tuple[Shed, ...]) -> None:
         """Drop or resume what the pacing has dropped or resumed; `before` was dropped before."""
@@ -421,11 +417,11 @@ class Session:
         self.restarts += 1
         self._accuracy.look(self._drive.estimate)
         self._drive.clear()
+        self._latency.clear()
         self._accuracy.look(None)
         if self._transforms is not None:
             self._transforms.clear()
         self._failure = ""
-        self._waiting = ()
         self._pacing.clear()
         self._resuming = False
         if event:
@@ -434,9 +430,9 @@ class Session:
     def _message(self) -> str:
         if self._failure:
             return self._failure
-        missing = self._drive.without_pose if not self.started else self._waiting
-        if missing:
-            order = "first" if not self.started else "next"
+        started = self.started
+        if missing := self._drive.waiting if started else self._drive.without_pose:
+            order = "next" if started else "first"
             moved = [self.scene.moved[name] for name in missing]
             sources = [one.tf_frame or self._naming.topic(one.pose_topic) for one in moved]
             return f"waiting for the {order} pose on {', '.join(dict.fromkeys(sources))}"
@@ -502,8 +498,13 @@ class Session:
         text = self._message() or text or self.status.value
         return cdr.DiagnosticStatus(level, "session", text, tuple(values))
 
-    def _new_outputs(self) -> Outputs:
-        return Outputs(self.scene, len(self._drive.simulator.greville), self._naming.node)
+    def _follow_simulator(self) -> None:
+        """Go on with a simulator that is new or has another scene."""
+        scene, simulator = self.scene, self._drive.simulator
+        self._outputs = Outputs(scene, len(simulator.greville), self._naming.node)
+        self._pacing.configure(scene, simulator.step)
+        self._marker_rate = 1e-9 * scene.outputs.marker_rate
+        self._next_look = 0  # step at which the estimate may have changed
 
 
 def _tension_values(simulator: Simulator) -> Iterator[tuple[str, str]]:
@@ -534,7 +535,7 @@ def _contact_values(simulator: Simulator, contacts: Collection[Contact]) -> list
 def _look_at(simulator: Simulator, scene: Scene) -> None:
     """Make every output once, as the first one of each kind loads or compiles machine code."""
     outputs = Outputs(scene, len(simulator.greville))
-    outputs.messages(simulator, 0, outputs.topics)
+    outputs.messages(simulator, 0)
     simulator.energy()
 
 

@@ -7,6 +7,7 @@ unless the stamps are of another epoch.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -39,8 +40,11 @@ _MOST_UNDATED = 100
 _CURE = "synchronise the clocks or set inputs.time: arrival"
 
 
-class Copy(Exception):
-    """The same message again, as from a second recorder: it is neither used nor refused."""
+class Copy(Refused):
+    """The same message again, as from a second recorder: neither used nor counted as refused."""
+
+    def __init__(self) -> None:
+        super().__init__("copy", "")
 
 
 class Decision(NamedTuple):
@@ -50,12 +54,12 @@ class Decision(NamedTuple):
         message: the message, with its stamp in the time base.
         restart: whether all earlier messages are forgotten, as stamps or clocks have jumped or are
             of another epoch.
-        refusal: why it is not used; None if it is.
+        refusal: why it is not used (`Copy`: it was, before); None if it is.
     """
 
     message: Stamped
     restart: bool = False
-    refusal: Refused | Copy | None = None
+    refusal: Refused | None = None
 
 
 class _Pending(NamedTuple):
@@ -66,7 +70,8 @@ class _Pending(NamedTuple):
     since_ns: int
 
 
-class _Run(NamedTuple):
+@dataclass
+class _Run:
     """Consecutive messages of a topic at one distance from the clock: clock minus stamp [ns] of the
     first, watched time [ns] of the first and of the last, and their number.
     """
@@ -113,17 +118,16 @@ class Source:
         while (oldest := next(iter(self.seen))) < self.last_ns - MOST_BEHIND:
             del self.seen[oldest]
 
-    def check_free(self, message: Stamped) -> None:
-        """Check that a message that is not the newest can still be put in its place.
-
-        Raises:
-            Copy: it is the same message again. Refused: its stamp is taken, or it comes too late.
+    def conflict(self, message: Stamped) -> Refused | None:
+        """Why a message that is not the newest cannot be put in its place: its stamp is taken, or
+        it comes too late.
         """
         stamp_ns = message.stamp_ns
         if stamp_ns in self.seen:
-            raise _of_one_stamp(message, self.seen[stamp_ns])
+            return _of_one_stamp(message, self.seen[stamp_ns])
         if self.passed_ns is not None and stamp_ns <= self.passed_ns:
-            raise _out_of_order(self.passed_ns - stamp_ns)
+            return _out_of_order(self.passed_ns - stamp_ns)
+        return None
 
     def note(self, difference_ns: int, now_ns: int) -> None:
         """Note the distance of a stamp from the clock [ns] at this watched time [ns]."""
@@ -131,7 +135,7 @@ class Source:
         if run is None or abs(difference_ns - run.difference_ns) > _STEADY:
             self.run = _Run(difference_ns, now_ns, now_ns)
         else:
-            self.run = run._replace(last_ns=now_ns, number=run.number + 1)
+            run.last_ns, run.number = now_ns, run.number + 1
 
 
 class TimeBase:
@@ -183,7 +187,7 @@ class TimeBase:
 
     def start_over(self) -> None:
         """Forget all used messages; in mode auto the next stamped one decides the offset."""
-        self._decided = self.mode != "auto"
+        self._decided, self._epoch_is_new = self.mode != "auto", False
         for source in self._sources:
             source.clear()
             source.undated.clear()
@@ -220,58 +224,47 @@ class TimeBase:
         time [ns].
         """
         dated = message.stamp_ns == 0 or self.mode == "arrival"
-        restart = False
         if not (dated or self._decided):
-            restart = self._decide_first(arrival_ns - message.stamp_ns)
-        for decision in self._sort(source, message, arrival_ns, dated):
-            if decision.refusal is None and restart:
-                decision, restart = decision._replace(restart=True), False
-            yield decision
-
-    def _sort(
-        self, source: Source, message: Stamped, arrival_ns: int, dated: bool
-    ) -> Iterator[Decision]:
+            self._decide_first(arrival_ns - message.stamp_ns)
         yield from self.due(source, arrival_ns)
         if dated:
             if not self._decided:
                 source.undated.append((message, arrival_ns))
             yield self._dated(source, message, arrival_ns)
             return
-        try:
-            restart = self._place(source, message, arrival_ns)
-        except (Copy, Refused) as refused:
-            yield Decision(message, refusal=refused)
-            return
-        if restart is None:
+        placed = self._place(source, message, arrival_ns)
+        if placed is None:
             yield from self._wait(source, _Pending(message, arrival_ns, self._spent_ns))
-        else:
+            return
+        if placed.refusal is None:
             yield from self.refute(source, message.stamp_ns)
-            yield Decision(message, restart)
+        yield placed
+
+    def _used(self, message: Stamped, restart: bool = False) -> Decision:
+        """The decision to use a message; the first one in an epoch may start all over."""
+        restart, self._epoch_is_new = restart or self._epoch_is_new, False
+        return Decision(message, restart)
 
     def _dated(self, source: Source, message: Stamped, arrival_ns: int) -> Decision:
         """Date a message by its arrival."""
         message = message._replace(stamp_ns=self.from_clock(arrival_ns))
-        refusal: Refused | Copy | None = None
         if source.last_ns is not None and message.stamp_ns <= source.last_ns:
             same = message == source.seen.get(message.stamp_ns)
-            refusal = Copy() if same else _at_one_instant()
-        return Decision(message, refusal=refusal)
+            return Decision(message, refusal=Copy() if same else _at_one_instant())
+        return self._used(message)
 
     def _wait(self, source: Source, new: _Pending) -> Iterator[Decision]:
         """Put a message among those that wait; refuse those that it refutes."""
         stamp_ns = new.message.stamp_ns
         yield from self.refute(source, stamp_ns + MOST_BEHIND)
-        later = []
-        while source.pending and source.pending[-1].message.stamp_ns >= stamp_ns:
-            later.append(source.pending.pop())
-        if later and later[-1].message.stamp_ns == stamp_ns:
-            refusal = _of_one_stamp(new.message, later[-1].message)
-            yield Decision(new.message, refusal=refusal)
+        pending = source.pending
+        at = bisect_left(pending, stamp_ns, key=lambda one: one.message.stamp_ns)
+        if at < len(pending) and pending[at].message.stamp_ns == stamp_ns:
+            yield Decision(new.message, refusal=_of_one_stamp(new.message, pending[at].message))
         else:
-            source.pending.append(new)
-        source.pending.extend(reversed(later))
-        if len(source.pending) > MOST_PENDING:
-            yield self._refused(source.pending.popleft())
+            pending.insert(at, new)
+        if len(pending) > MOST_PENDING:
+            yield self._refused(pending.popleft())
 
     def refute(self, source: Source, stamp_ns: int = 0) -> Iterator[Decision]:
         """Refuse the waiting messages of a topic with this stamp or a later one."""
@@ -283,9 +276,8 @@ class TimeBase:
         while self._decided and source.undated:
             yield self._dated(source, *source.undated.popleft())
         while source.pending:
-            first = source.pending[0]
-            restart = False
-            refusal: Refused | Copy | None = None
+            first, restart = source.pending[0], False
+            refusal: Refused | None = None
             ahead = first.message.stamp_ns - self.from_clock(clock_ns)
             if ahead > MOST_AHEAD:
                 if self._spent_ns - first.since_ns < PATIENCE:
@@ -299,51 +291,45 @@ class TimeBase:
                     restart = self._begin_again(newest.arrival_ns - newest.message.stamp_ns)
             source.pending.popleft()
             if refusal is None and not restart:
-                try:
-                    source.check_free(first.message)
-                except (Copy, Refused) as refused:
-                    refusal = refused
+                refusal = source.conflict(first.message)
             yield Decision(first.message, restart, refusal)
 
     def _refused(self, pending: _Pending) -> Decision:
         ahead = pending.message.stamp_ns - self.from_clock(pending.arrival_ns)
         return Decision(pending.message, refusal=_in_future(ahead))
 
-    def _place(self, source: Source, message: Stamped, clock_ns: int) -> bool | None:
-        """Apply the rules to a stamped message that arrives now.
-
-        Returns whether all starts over, None if it waits; raises Copy or Refused if it is not used.
-        """
+    def _place(self, source: Source, message: Stamped, clock_ns: int) -> Decision | None:
+        """Apply the rules to a stamped message that arrives now; None if it waits."""
         stamp_ns, difference_ns = message.stamp_ns, clock_ns - message.stamp_ns
         source.note(difference_ns, self._spent_ns)
         if self._has_jumped(source, stamp_ns):
-            return self._begin_again(difference_ns)
+            return self._used(message, self._begin_again(difference_ns))
+        refusal: Refused | None = None
         if source.last_ns is not None and stamp_ns <= source.last_ns:
             back_ns = source.last_ns - stamp_ns
-            if back_ns > MOST_BEHIND:
-                raise _too_old(back_ns)
-            source.check_free(message)
+            refusal = _too_old(back_ns) if back_ns > MOST_BEHIND else source.conflict(message)
         ahead_ns = self.offset_ns - difference_ns
-        if ahead_ns > MOST_AHEAD:
+        if refusal is None and ahead_ns > MOST_AHEAD:
             return None
         if ahead_ns < -MOST_BEHIND and source.last_ns is None:
-            raise _too_old(-ahead_ns, "those of other topics" if self.offset_ns else "the clock")
+            what = "those of other topics" if self.offset_ns else "the clock"
+            refusal = _too_old(-ahead_ns, what)
+        if refusal is not None:
+            return Decision(message, refusal=refusal)
         if self.offset_ns and ahead_ns > 0:
             self.offset_ns = _offset(difference_ns)
-        return False
+        return self._used(message)
 
-    def _decide_first(self, difference_ns: int) -> bool:
-        """Let the first stamped message decide the offset; return whether all dated before starts
-        over.
-        """
+    def _decide_first(self, difference_ns: int) -> None:
+        """Let the first stamped message decide the offset; what another one dated starts over."""
         before_ns, self.offset_ns, self._decided = self.offset_ns, _offset(difference_ns), True
-        known = any(source.last_ns is not None for source in self._sources)
+        if self.offset_ns != before_ns:
+            self._epoch_is_new = any(source.last_ns is not None for source in self._sources)
         for source in self._sources:
             if self.offset_ns == before_ns:
                 source.undated.clear()
             else:
                 source.clear()
-        return known and self.offset_ns != before_ns
 
     def _heard(self, offset_ns: int, lately_ns: int) -> list[Source]:
         """The topics that were heard within a time [ns] with stamps that fit an offset."""
@@ -401,7 +387,7 @@ def _too_old(behind_ns: int, what: str = "the last one used") -> Refused:
     return Refused("too_old", f"stamp is {behind_ns * 1e-9:.3f} s behind {what}; {_CURE}")
 
 
-def _of_one_stamp(message: Stamped, other: Stamped) -> Refused | Copy:
+def _of_one_stamp(message: Stamped, other: Stamped) -> Refused:
     return Copy() if message == other else _out_of_order(0)
 
 

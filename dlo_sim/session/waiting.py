@@ -83,7 +83,7 @@ class LoadSchedule(Waiting[LoadMessage]):
     """The pending messages of one load.
 
     Attributes:
-        held: the load that acts now; None = none, or removed. timeout: [s] after its stamp when it
+        held: the load that acts now; None = none, or removed. timeout_ns: after its stamp when it
             is to be removed, 0 = never.
     """
 
@@ -93,7 +93,7 @@ class LoadSchedule(Waiting[LoadMessage]):
 
     def configure(self, load: Load) -> None:
         """Use the timeout of this load, and its sign for messages received from now on."""
-        self._sign, self.timeout = load.sign, load.timeout
+        self._sign, self.timeout_ns = load.sign, round(load.timeout * SECOND)
 
     def add(self, message: LoadMessage) -> None:
         """Take an accepted message, as `Waiting.add`."""
@@ -108,19 +108,13 @@ class LoadSchedule(Waiting[LoadMessage]):
         super().clear()
         self.held: LoadMessage | None = None
 
-    def due(self, now_ns: int) -> Iterator[LoadMessage]:
-        """Remove and yield the messages up to a time [ns], the oldest first, and hold the last."""
-        for message in super().due(now_ns):
-            self.held = message
-            yield message
-
     def removal_ns(self) -> int | None:
         """Time base [ns] at which the held load is to be removed, None = never."""
-        if self.held is None or not self.timeout:
+        if self.held is None or not self.timeout_ns:
             return None
-        return self.held.stamp_ns + round(self.timeout * SECOND)
+        return self.held.stamp_ns + self.timeout_ns
 
     def next_change_ns(self) -> int | None:
         """Time base [ns] of the next known change of the load, None = none."""
-        changes = (super().next_change_ns(), self.removal_ns())
-        return min((change for change in changes if change is not None), default=None)
+        change, removal = super().next_change_ns(), self.removal_ns()
+        return removal if change is None else change if removal is None else min(change, removal)

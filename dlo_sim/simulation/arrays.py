@@ -9,12 +9,12 @@ from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core.bspline import DEGREE
 from dlo_sim.engine import arrays
 from dlo_sim.engine.arrays import MARGIN, PADDING
+from dlo_sim.simulation.holding import Holding
 
 Array = NDArray[np.float64]
 # Pairs of segments that touch each other, for every segment, and of spans, for every span.
 PAIRS, NEAR = 12, 64
 MOST_SKYLINE = 1 << 20  # entries of the factors with couplings between distant control points
-COARSE = 9  # groups of samples of a block that touch planes, the last one at an end of the cable
 
 
 def sizes_of(
@@ -24,12 +24,7 @@ def sizes_of(
     twist: bool,
     n: int,
     samples: int,
-    points: int,
-    rigid: int,
-    border: int,
-    springs: int,
-    joints: int,
-    slides: int,
+    holding: Holding,
     grasps: int,
     loads: int,
     obstacles: int,
@@ -40,10 +35,9 @@ def sizes_of(
     """Sizes of all dimensions that `engine.arrays` names.
 
     Args:
-        terms: bits of the active terms. rigid: rows, of which `border` between control points;
-            springs: other rows, of which `joints` between two branches. pieces: groups of samples
-            of a span that touch bodies, 0 without obstacles. segments: of a span, that touch each
-            other, or 0. field_values: of meshes that are obstacles.
+        terms: bits of the active terms. pieces: groups of samples of a span that touch bodies, 0
+            without obstacles. segments: of a span, that touch each other, or 0. field_values: of
+            meshes that are obstacles.
     """
     lines, unknowns = dim + twist, n * (dim + twist)
     spans = n - DEGREE
@@ -61,18 +55,18 @@ def sizes_of(
         "blocks": blocks,
         "samples": samples,
         "columns": columns,
-        "points": points,
-        "rows": rigid + springs,
-        "rigid": rigid,
-        "border": border,
-        "springs": springs,
-        "joints": joints,
-        "slides": slides,
-        "bordered": border + joints,
+        "points": len(holding.points),
+        "rows": len(holding.rows) + len(holding.springs),
+        "rigid": len(holding.rows),
+        "border": holding.border,
+        "springs": len(holding.springs),
+        "joints": holding.joints,
+        "slides": len(holding.slides),
+        "bordered": holding.border + holding.joints,
         "grasps": grasps,
         "loads": loads,
         "obstacles": obstacles,
-        "groups": pieces and (COARSE * blocks + pieces * spans),
+        "groups": pieces * spans,
         "field_values": field_values,
         "segments": segments,
         "corners": (segments + 1) * chain,
@@ -115,17 +109,15 @@ def to_blocks(values: Array, beyond: float = 0.0) -> Array:
     return np.ascontiguousarray(np.moveaxis(by_lane, 1, -1))
 
 
-def resampled(
-    groups: Array, coarse: int, pieces: tuple[int, int], counts: tuple[int, int]
-) -> Array:
+def resampled(groups: Array, pieces: tuple[int, int], counts: tuple[int, int]) -> Array:
     """Values of samples, shape (groups, ..., LANES), with `pieces` groups of a span, of each of two
-    sets, behind the `coarse` ones, for `counts` groups of a span: each is that of the nearest
-    sample, or 0 where there was none.
+    sets, for `counts` groups of a span: each is that of the nearest sample, or 0 where there was
+    none.
     """
     if pieces == counts:
         return groups
-    inner, spans = groups.shape[1:-1], (len(groups) - coarse) // sum(pieces)
-    parts, at = [groups[:coarse]], coarse
+    inner, spans = groups.shape[1:-1], len(groups) // sum(pieces)
+    parts, at = [], 0
     for few, count in zip(pieces, counts, strict=True):
         by_span = groups[at : at + spans * few].reshape(spans, few, *inner, LANES)
         by_span = np.moveaxis(by_span, -1, 2).reshape(spans, few * LANES, *inner)

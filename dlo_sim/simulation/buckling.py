@@ -12,13 +12,9 @@ not show in the reactions. Their energy counts as work of the loads.
 Nothing in the scene decides to which side the cable falls. The push is a fixed function of the
 material coordinate, so all discretisations of a scene fall to the same one.
 
-The stiffness across a plane is that of the shape, K, and that of the twist. Between two places that
-hold the roll of a cable without twist, l apart, a displacement y across the plane twists it by
-u . y, the change of the holonomy, with u_i = integral of b_i' kappa over the cable between them
-(kappa the curvature with its sign in the plane, per length): K + GJ / l u u^T.
-A factorisation counts the negative eigenvalues. Of a natural shape only K is known, not how the
-cable rolls. Nothing is pushed where K does not tell: of a bent cable under moments, which are not
-conservative, it is not symmetric.
+Whether it is stable is asked as in the search for an equilibrium (`methods.relax_step`), with the
+twist that acts on the shape. Nothing is pushed where the stiffness does not tell: of a bent cable
+under moments, which are not conservative, it is not symmetric.
 
 Under torsion a straight cable coils, which only twist that acts on the shape shows; for other
 models of twist there is a warning.
@@ -34,8 +30,8 @@ from numpy.typing import NDArray
 
 from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, STRIDED, inline, kernel
 from dlo_sim.core import bspline, mass
-from dlo_sim.engine.arrays import ANY_STRETCH
-from dlo_sim.scene.description import Scene
+from dlo_sim.engine.arrays import ANY_STRETCH, BISHOP
+from dlo_sim.methods import between_steps, relax_step
 from dlo_sim.simulation.cable import Cable
 
 Array = NDArray[np.float64]
@@ -46,7 +42,6 @@ PUSH = 0.05  # of the accuracy asked for, or of BENT lengths: how far it goes be
 SLOWEST = 0.25  # [1/s] growth that counts
 ROUNDING = 1e-13  # of the largest entry of K, eigenvalue that counts as none
 WAVES = 6  # of the push along the cable
-SAMPLES = 6  # of a knot span, for the holonomy
 
 
 def look_due(cable: Cable) -> int:
@@ -57,7 +52,7 @@ def look_due(cable: Cable) -> int:
     return 1 if lying == 1 else PLANE_LOOKS if lying < len(cable.model.axes) else 0
 
 
-def release(cable: Cable, scene: Scene) -> Array | None:
+def release(cable: Cable) -> Array | None:
     """Push a cable that lies on a line or in a plane, where that is unstable.
 
     Returns:
@@ -66,7 +61,7 @@ def release(cable: Cable, scene: Scene) -> Array | None:
     free = _across(cable)
     if free is None:
         return None
-    rate = growth(cable, scene, free)
+    rate = growth(cable, free)
     if rate == 0.0:
         return None
     dim = len(cable.model.axes)
@@ -77,20 +72,20 @@ def release(cable: Cable, scene: Scene) -> Array | None:
     if largest == 0.0:
         return None
     before = cable.kinetic()
-    way = PUSH * min(scene.accuracy.target, BENT * float(cable.model.knots[-1]))
+    way = PUSH * min(cable.model.scene.accuracy.target, BENT * float(cable.model.knots[-1]))
     cable.w[:dim] += way * rate / largest * push[:dim]
     cable.account.load_work += cable.kinetic() - before
     return free
 
 
-def side_note(cable: Cable, scene: Scene, since: float, free: Array) -> str:
+def side_note(cable: Cable, since: float, free: Array) -> str:
     """One line if a cable that could fall to either side at a time [s] has left its line or plane.
 
     Args:
         free: projection (3, 3) onto the directions across it.
     """
     away = np.einsum("de,ne->nd", free, cable.points[:, :3] - cable.points[0, :3])
-    if np.abs(away).max() <= scene.accuracy.target:
+    if np.abs(away).max() <= cable.model.scene.accuracy.target:
         return ""
     return (
         f"the cable left at {since:.3g} s the line or plane in which everything lay, and the scene "
@@ -98,12 +93,12 @@ def side_note(cable: Cable, scene: Scene, since: float, free: Array) -> str:
     )
 
 
-def plane_warning(cable: Cable, scene: Scene) -> str:
+def plane_warning(cable: Cable) -> str:
     """One line if a cable, in space as terms.out_of_plane off keeps it in its plane, would leave
     that, else empty.
     """
     free = _across(cable)
-    if free is None or not growth(cable, scene, free):
+    if free is None or not growth(cable, free):
         return ""
     return (
         "terms.out_of_plane: off, so the cable stays in its plane, where this shape is unstable: "
@@ -228,42 +223,31 @@ def _without_momentum(cable: Cable, push: Array) -> Array:
     return push
 
 
-def growth(cable: Cable, scene: Scene, free: Array) -> float:
+def growth(cable: Cable, free: Array) -> float:
     """Rate [1/s], within a factor of 1.5, at which the fastest mode across grows; 0 if none does.
 
-    A mode grows with a rate above r where K + r^2 M has a negative eigenvalue.
+    Args:
+        free: projection (dim, dim) onto the directions across the line or plane.
     """
     band = cable.stiffness(moments=True).copy()
-    if cable.solve_held(np.zeros(len(band))) == 0:
+    if cable.call(between_steps.solve_held, np.zeros((1, len(band))), False) == 0:
         return 0.0  # stable in all directions, which costs the least to know
     largest = float(np.abs(band).max() / cable.model.mass(0).max())
-    rate = max(SLOWEST, math.sqrt(ROUNDING * largest))
-    if not _negative(cable, free, rate):
+    rate, guide = max(SLOWEST, math.sqrt(ROUNDING * largest)), largest * (np.eye(len(free)) - free)
+    if not grows(cable, guide, rate):
         return 0.0
-    while _negative(cable, free, 2.0 * rate):
+    while grows(cable, guide, 2.0 * rate):
         rate *= 2.0
     return math.sqrt(2.0) * rate
 
 
-def _negative(cable: Cable, free: Array, rate: float) -> bool:
-    """Whether K + rate^2 M has a negative eigenvalue across the line or plane, and in the twist:
-    in the other directions it gets a multiple of one.
+def grows(cable: Cable, guide: Array, rate: float) -> bool:
+    """Whether a mode grows faster than with a rate r [1/s]: K + r^2 M has a negative eigenvalue,
+    with the twist that acts on the shape.
+
+    Args:
+        guide: stiffness (dim, dim) in M [1/s^2], which holds motions within the line or plane.
     """
-    model, lines = cable.model, cable.model.lines
-    across = np.eye(lines)
-    across[: len(free), : len(free)] = free
-    rows = np.arange(lines)[None, :, None]
-    columns = 4 * lines - 1 + lines * np.arange(-3, 4)[:, None, None] + np.arange(lines) - rows
-    band = cable.stiffness(moments=True).reshape(model.n, lines, -1)
-    blocks = np.einsum(
-        "ab,knbc->knac", across, np.einsum("knab,bc->knac", band[:, rows, columns], across)
-    )
-    for line in range(lines):
-        inertia = rate**2 * model.mass(line)
-        for k in range(4):
-            blocks[: model.n - k, 3 + k, line] += inertia[k, : model.n - k, None] * across[line]
-            if k:
-                blocks[k:, 3 - k, line] += inertia[k, : model.n - k, None] * across[line]
-    blocks[:, 3] += np.abs(blocks[:, 3]).max() * (np.eye(lines) - across)
-    band[:, rows, columns] = blocks
-    return cable.solve_held(np.zeros(model.n * lines)) > 0
+    length, twist = float(cable.model.knots[-1]), cable.model.has(BISHOP)
+    given = guide, cable.padded(cable.x), cable.anchors, length, twist, False
+    return not cable.call(relax_step.is_stable, 1.0 / rate**2, *given)

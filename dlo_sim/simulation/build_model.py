@@ -27,10 +27,7 @@ Array = NDArray[np.float64]
 
 
 def build_model(
-    scene: Scene,
-    needs: Needs,
-    geometries: Geometries,
-    origin: NDArray[np.float64] | None = None,
+    scene: Scene, needs: Needs, geometries: Geometries, origin: Array | None = None
 ) -> Model:
     """Constants of a scene held where `geometries` says.
 
@@ -43,8 +40,7 @@ def build_model(
     rule = _quadrature(scene, knots)
     holding = holding_of(scene, geometries, knots, axes, twist)
     curved = "bend" in needs and ("plasticity" in needs or scene.cable.shaped)
-    bodies, guides = pieces_of(scene) if "contact" in needs else (0, 0)
-    pieces = bodies + guides
+    pieces = pieces_of(scene) if "contact" in needs else (0, 0)
     fields = fields_of(scene) if "contact" in needs else ()
     segments = self_contact.segments_of(scene, knots) if "self_contact" in needs else 0
     sizes = sizes_of(
@@ -53,21 +49,18 @@ def build_model(
         twist=twist,
         n=n,
         samples=rule.xi.shape[1],
-        points=len(holding.points),
-        rigid=len(holding.rows),
-        border=holding.border,
-        springs=len(holding.springs),
-        joints=holding.joints,
-        slides=len(holding.slides),
+        holding=holding,
         grasps=len(geometries),
         loads=len(scene.loads) if "loads" in needs else 0,
         obstacles=len(scene.bodies) * ("contact" in needs),
-        pieces=pieces,
+        pieces=sum(pieces),
         segments=segments,
         field_values=sum(field.values.size for field in fields),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
     arrays.axes[: len(axes)] = axes
+    arrays.contact.pieces, arrays.contact.guide_pieces = pieces
+    arrays.chain.segments = segments
     rest = np.array(geometries["start"].attachment)
     rest[list(axes)] = 0.0
     bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
@@ -78,8 +71,9 @@ def build_model(
     stiffness = axial, bending
     places = dict(zip(scene.bodies, obstacles.at_rest(scene, origin), strict=True))
     lines = axes, twist, holding
-    model = Model(arrays, knots, rule, *lines, *stiffness, rest, origin, places, fields)
-    _Filling(scene, needs, model).fill()
+    of = scene, needs, geometries
+    model = Model(*of, arrays, knots, rule, *lines, *stiffness, rest, origin, places, fields)
+    _Filling(model).fill()
     return model
 
 
@@ -176,8 +170,8 @@ def _quadrature(scene: Scene, knots: Array) -> quadrature.Quadrature:
 class _Filling:
     """Writes the arrays of a model."""
 
-    def __init__(self, scene: Scene, needs: Needs, model: Model) -> None:
-        self._scene, self._needs, self._model = scene, needs, model
+    def __init__(self, model: Model) -> None:
+        self._scene, self._needs, self._model = model.scene, model.needs, model
         self._arrays, self._axes = model.arrays, list(model.axes)
 
     def fill(self) -> None:
@@ -226,9 +220,9 @@ class _Filling:
             physics.axial_round_off = model.axial_stiffness * scene.cable.length
             physics.beta_stretch = 0.0  # what does not stretch dissipates nothing
         if "contact" in self._needs:
-            obstacles.fill(scene, self._arrays, model.knots, model.rest)
+            obstacles.fill(model)
         if "self_contact" in self._needs:
-            self_contact.fill(scene, self._arrays, model.knots)
+            self_contact.fill(model)
 
     def _inside(self, lines: Array) -> Array:
         return without_margins(lines, self._model.n)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from copy import copy
 from typing import Any
 
@@ -30,7 +31,6 @@ from dlo_sim.engine.grasps import ACTIVE, POSITION, START
 from dlo_sim.engine.natural_curvature import follow_to_present
 from dlo_sim.engine.plasticity import flow_to_present
 from dlo_sim.methods import between_steps
-from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.arrays import from_blocks, resampled, to_blocks, without_margins
 from dlo_sim.simulation.model import Model
 
@@ -52,10 +52,11 @@ class Cable:
 
     def __init__(self, model: Model) -> None:
         self._left_out = 0  # bits of terms that the method leaves out
-        self._allocate(model)
+        self.allocate(model)
         self.place_obstacles(0.0)
 
-    def _allocate(self, model: Model) -> None:
+    def allocate(self, model: Model) -> None:
+        """Go over to another model, with inputs and state that are zero."""
         sizes = model.arrays.sizes
         self.inputs, self.state = map(aligned_zeros, model.rooms)
         self.model, self.arrays = model, copy(model.arrays)
@@ -77,12 +78,12 @@ class Cable:
         positions and velocities (`put`).
         """
         before = copy(self)
-        self._allocate(model)
+        self.allocate(model)
         self.motion[:], self.loads[:] = before.motion, before.loads
         for array, values in zip(self._lasting, before._lasting, strict=True):
             array[...] = values
-        if before.model.axes != model.axes:
-            self._set_pairs(before.arrays.state.pair, before.model.axes)
+        if before.model.axes != model.axes:  # bristles are by these
+            self.arrays.state.pair[1:] = 0.0
         self.take_contact(before)
         self.account.load_work += before.account.pending
         self._forget_history()
@@ -118,8 +119,7 @@ class Cable:
             state.deepest[k] = theirs.state.deepest[number]
             for name in names * same:
                 values = np.asarray(getattr(theirs.state, name))[number]
-                held = resampled(values, theirs.contact.coarse, *pieces)
-                np.asarray(getattr(state, name))[k] = held
+                np.asarray(getattr(state, name))[k] = resampled(values, *pieces)
             laws = theirs.contact.law[number], group.law[k]
             rubs = laws[1][contact.FRICTION] > 0.0
             ratio = laws[0][contact.BRISTLE] / laws[1][contact.BRISTLE] if rubs else 0.0
@@ -128,15 +128,6 @@ class Cable:
                 self.account.decaying = 1.0  # until a step has looked
         if anew:
             self.place_obstacles(0.0)
-
-    def _set_pairs(self, pairs: Array, axes: Sequence[int]) -> None:
-        """Set the pairs of segments and the bristles between them, which are by these axes."""
-        before, own = pairs.copy(), list(self.model.axes)
-        self.arrays.state.pair[0] = before[0]
-        self.arrays.state.pair[1:] = 0.0
-        for line, axis in enumerate(axes):
-            if axis in own:  # not where a state of the plane is restored
-                self.arrays.state.pair[1 + own.index(axis)] = before[1 + line]
 
     def _begin_strands(self, before: Cable | None, released: Sequence[float]) -> None:
         """Begin the contact with itself. Pairs, bristles and overlap are those of the cable
@@ -148,7 +139,7 @@ class Cable:
         if before and before.model.has(SELF) and self._touches_as(before):
             account.pairs = before.account.pairs
             account.pair_overlap = before.account.pair_overlap
-            self._set_pairs(before.arrays.state.pair, before.model.axes)
+            state.pair[:] = before.arrays.state.pair
             self.call(self_contact.reset)
             for u in released:
                 self.part_strands(u)
@@ -168,6 +159,7 @@ class Cable:
         ours, theirs = self.arrays.chain, other.arrays.chain
         return bool(
             np.array_equal(self.model.knots, other.model.knots)
+            and self.model.axes == other.model.axes
             and ours.segments == theirs.segments
             and ours.diameter == theirs.diameter
             and ours.law[self_contact.STIFFNESS] == theirs.law[self_contact.STIFFNESS]
@@ -187,7 +179,7 @@ class Cable:
 
     def __setstate__(self, kept: tuple[Model, int, Array, Array]) -> None:
         model, self._left_out, inputs, state = kept
-        self._allocate(model)
+        self.allocate(model)
         self.inputs[:], self.state[:] = inputs, state
 
     def call(self, entry: Kernel, *arguments: Any) -> Any:
@@ -248,11 +240,6 @@ class Cable:
     def account(self) -> Any:
         """Numbers of the energy account (`engine.arrays.State.balance`)."""
         return self.arrays.state.balance
-
-    @property
-    def directions(self) -> Array:
-        """Directions of the constraint rows, a view of shape (rows, dim)."""
-        return self.arrays.state.direction[:, : len(self.model.axes)]
 
     @property
     def natural(self) -> Array:
@@ -403,7 +390,7 @@ class Cable:
         Args:
             time: if points between control points are held, project the configuration onto the
                 constraints at this time [s].
-            follow: the natural shape follows the change of shape.
+            follow: the natural shape, also that in the material frame, follows the cable.
         """
         self.x[:] = self.model.to_lines(points)
         if time is not None and self.model.holding.border:
@@ -415,14 +402,10 @@ class Cable:
             cleared[:] = 0.0
         self._forget_history()
         if follow:
-            self.follow()
+            if self.model.has(MATERIAL):
+                self.call(follow_to_present)
             self.flow()
         self.open_frame()
-
-    def follow(self) -> None:
-        """Let the natural shape in the material frame follow the cable to the present shape."""
-        if self.model.has(MATERIAL):
-            self.call(follow_to_present)
 
     def turn_natural(self, rows: Array, turn: Array) -> None:
         """Set the natural shape to these rows, from `to_blocks`, with their vectors turned by a
@@ -480,16 +463,14 @@ class Cable:
 
     # -- account --------------------------------------------------------------------------------
 
-    def open_account(
-        self, scene: Scene, before: Cable | None = None, released: Sequence[float] = ()
-    ) -> None:
+    def open_account(self, before: Cable | None = None, released: Sequence[float] = ()) -> None:
         """Open the energy account at the present state.
 
         Args:
             before: the cable from whose state this one goes on; default: from none.
             released: material coordinates [m] at which grasps held that cable, but not this one.
         """
-        cable, state = scene.cable, self.arrays.state
+        cable, state = self.model.scene.cable, self.arrays.state
         numbers_of(state.balance)[:] = 0.0
         state.balance.decaying = float(np.asarray(state.overlap).any())
         state.energy[:] = state.energy_begin[:] = 0.0
@@ -536,6 +517,14 @@ class Cable:
         if self.account.is_counted:
             self.call(between_steps.settle, t)
 
+    @contextmanager
+    def working(self, t: float) -> Iterator[None]:
+        """What is done at time t changes the energy by work of the end effectors and obstacles."""
+        self.settle(t)
+        before = self.present_energy()
+        yield
+        self.account.drive_work += self.present_energy() - before
+
     def present_energy(self) -> float:
         """Kinetic energy of w and potential energy [J]."""
         return self.kinetic() + float(self.potentials().sum())
@@ -563,15 +552,13 @@ class Cable:
             self.call(between_steps.damping_forces, self.padded(rates), out)
         return self.shown(out)
 
-    def held_force(self, t: float, force: Array | None = None) -> Array:
-        """Forces of the grasps on the constraint rows at time t, shape (rows,).
-
-        Args:
-            force: all other forces, shape (lines, n); default: those of the present motion.
+    def held_force(self, t: float) -> Array:
+        """Forces of the grasps on the constraint rows in the present motion at time t, shape
+        (rows,).
         """
-        lines = self.padded(self.forces(t, self.velocities(t)) if force is None else force)
         held = np.zeros(len(self.model.holding.rows))
-        self.call(between_steps.held_force, t, lines, held)
+        forces = self.padded(self.forces(t, self.velocities(t)))
+        self.call(between_steps.held_force, t, forces, held)
         return held
 
     def stiffness(self, moments: bool = False) -> Array:
@@ -603,28 +590,11 @@ class Cable:
         """Right-hand side of the last Newton correction of an implicit step [N], shape (n, dim)."""
         return self.arrays.work.unbalanced.reshape(self.model.n, -1)[:, : len(self.model.axes)]
 
-    def solve_held(self, unknowns: Array, transposed: bool = False) -> int:
-        """Solve band x = unknowns, or band^T x = unknowns, in place with the constraint rows fixed.
-
-        Args:
-            unknowns: shape (n lines,), or one row for each right-hand side.
-
-        Returns:
-            The number of negative pivots, or -1 if a pivot is not usable.
-        """
-        rows = unknowns.reshape(-1, self.model.n * self.model.lines)
-        return int(self.call(between_steps.solve_held, rows, transposed))
-
-    def free_acceleration(self, force: Array, keep: bool = True) -> Array:
-        """P M^-1 f of forces f, shape (lines, n); M^-1 f if `keep` is false."""
+    def free_acceleration(self, force: Array) -> Array:
+        """P M^-1 f of forces f, shape (lines, n)."""
         lines = self.padded(force)
-        self.call(between_steps.free_acceleration, lines, keep)
+        self.call(between_steps.free_acceleration, lines, True)
         return self.shown(lines)
-
-    @property
-    def shifts(self) -> Array:
-        """M^-1 b for the basis values b of every held point, a view of shape (points, n)."""
-        return self.shown(self.arrays.points.shift)
 
     def jump(self, t: float, put: Callable[[Array], None]) -> None:
         """Move the held points instantly to their places at time t.

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from dlo_sim.core import rotations
 from dlo_sim.engine.arrays import CONTACT, SELF
 from dlo_sim.engine.grasps import DURATION
-from dlo_sim.scene.description import Scene
 from dlo_sim.simulation import obstacles
 from dlo_sim.simulation.bodies import motion_of
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.recorder import Recorder
-from dlo_sim.simulation.self_contact import contact_with_itself
+from dlo_sim.simulation.self_contact import contacts_of
 
 Array = NDArray[np.float64]
 Look = Callable[[Cable, Mapping[str, obstacles.Contact]], object]
@@ -27,7 +26,7 @@ MOST_LOOKS = 100  # samples of a run whose contacts are computed
 PLATE = 1.4  # side of what is shown of a plane, in diagonals of the box that the run needs
 
 
-def drawn_obstacles(scene: Scene, cable: Cable, recorder: Recorder, look: Look) -> dict[str, Array]:
+def drawn_obstacles(cable: Cable, recorder: Recorder, look: Look) -> dict[str, Array]:
     """Obstacles along the samples of a run, and where the cable touches them or itself; empty if it
     can touch nothing.
 
@@ -47,7 +46,7 @@ def drawn_obstacles(scene: Scene, cable: Cable, recorder: Recorder, look: Look) 
         and contact_forces on the cable [N], shape (c, 3), at the samples contact_samples, shape
         (c,). The forces are those of the pressure, without friction, which a shape does not tell.
     """
-    bodies = scene.bodies if cable.model.has(CONTACT) else ()
+    bodies = cable.model.scene.bodies if cable.model.has(CONTACT) else ()
     if not (recorder.count and (bodies or cable.model.has(SELF))):
         return {}
     points = recorder.control_points[:, :, :3].reshape(-1, 3)
@@ -72,16 +71,13 @@ def drawn_obstacles(scene: Scene, cable: Cable, recorder: Recorder, look: Look) 
         "obstacle_triangles": np.concatenate(surfaces),
         "obstacle_of": np.concatenate(numbers),
         "obstacle_poses": poses,
-        **_contacts(scene, cable, recorder, poses, look),
+        **_contacts(cable, recorder, look),
     }
 
 
-def _contacts(
-    scene: Scene, cable: Cable, recorder: Recorder, poses: Array, look: Look
-) -> dict[str, Array]:
+def _contacts(cable: Cable, recorder: Recorder, look: Look) -> dict[str, Array]:
     """The part of `drawn_obstacles` that has to do with contact."""
     twin, count = deepcopy(cable), recorder.count
-    bodies = scene.bodies if cable.model.has(CONTACT) else ()
     points, forces, samples = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)]
     looks = np.unique(np.linspace(0, count - 1, min(count, MOST_LOOKS)).round().astype(int))
     gaps, sizes, to_itself = [], [], []
@@ -91,16 +87,9 @@ def _contacts(
             rows for part, rows in recorder.obstacles() if part.start <= sample < part.stop
         )
         twin.touch_anew(recorder.times[sample])
-        tension = obstacles.tension_along(scene, twin)
-        found = {
-            body.name: obstacles.contact_with(twin, k, body, (pose[:3], pose[3:]), tension)
-            for k, (body, pose) in enumerate(zip(bodies, poses[sample], strict=True))
-        }
-        to_itself.append(math.inf)
-        if cable.model.has(SELF):
-            itself = contact_with_itself(twin, scene.cable.diameter, tension)
-            found[obstacles.ITSELF] = itself
-            to_itself[-1] = itself.clearance
+        found = contacts_of(twin)
+        itself = found.get(obstacles.ITSELF)
+        to_itself.append(itself.clearance if itself else math.inf)
         look(twin, found)
         gaps.append(min(contact.clearance for contact in found.values()))
         sizes.append([contact.exerted for contact in found.values()])

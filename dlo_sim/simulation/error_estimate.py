@@ -37,9 +37,8 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -50,9 +49,6 @@ from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import needs_of
-from dlo_sim.simulation.geometry import Pose
-from dlo_sim.simulation.play import play
-from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import DiscretizationError, Report
 from dlo_sim.simulation.resolution import MOST_CONTROL_POINTS, raised
 from dlo_sim.simulation.selection import SAFETY, accurate_step
@@ -107,8 +103,7 @@ class ErrorEstimate:
 
     Args:
         simulator: its error is estimated; from now on it is followed until `end`.
-        place: builds a companion from its scene; the default begins in the simulator's equilibrium
-            and is right if no end effector was moved.
+        place: builds a companion from its scene; the default begins in the simulator's equilibrium.
 
     Attributes:
         simulator: see above. order: of convergence in time.
@@ -128,13 +123,6 @@ class ErrorEstimate:
         self._u = np.linspace(0.0, simulator.scene.cable.length, POINTS)
         simulator.follower = self._repeat
         self._compare()
-
-    @classmethod
-    def placed(
-        cls, simulator: Simulator, end_poses: Mapping[str, Pose] | None = None
-    ) -> ErrorEstimate:
-        """An estimate for a simulator built with these poses; its companions are built alike."""
-        return cls(simulator, _placing(simulator, end_poses))
 
     @classmethod
     def continued(cls, simulator: Simulator) -> ErrorEstimate:
@@ -191,14 +179,6 @@ class ErrorEstimate:
         """Follow the simulator no longer."""
         self.simulator.follower = None
 
-    def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
-        """Advance the simulator, and let its companions follow; returns its report.
-
-        Its state is the same bit for bit as without companions. The times of the comparisons depend
-        on simulated time only.
-        """
-        return play(self.simulator, self.simulator.steps + steps, recorder, watchers=(self,))
-
     def next_look(self, steps: int) -> int:
         """The next step at which it compares."""
         return steps + self._look - steps % self._look
@@ -208,14 +188,6 @@ class ErrorEstimate:
         if report.status.advanced and report.steps and self.simulator.steps % self._look == 0:
             self._compare()
         return ""
-
-    def reset(self) -> None:
-        """Go back to the initial state and clear the errors."""
-        self.simulator.reset()
-        self._begun = 0
-        for companion in self._finer:
-            companion.reset()
-        self._compare()
 
     @property
     def _failure(self) -> str:
@@ -292,10 +264,10 @@ class _Companion:
         self.simulator: Simulator | None = None
         self.failure, self.largest, self.seconds = "", 0.0, 0.0
         self._errors: deque[float] = deque(maxlen=kept)
-        self._log: deque[tuple[int, _Change]] = deque()  # to be done after these steps
+        self._log: list[tuple[int, _Change]] = []  # to be done after these steps
         self._reached = 0  # step of the original up to which it has followed
         self._thread = ThreadPoolExecutor(1, f"error in {part}")
-        self._work: Future[None] | None = None
+        self._work: deque[Future[None]] = deque()
         try:
             if finer := _finer(original, part, place):
                 self.simulator = place(finer.scene)
@@ -327,19 +299,18 @@ class _Companion:
         self.change(steps, estimate)
 
     def follow(self, fewest: int = TOGETHER) -> None:
-        """Let the thread do what is logged, unless it works or there is too little."""
-        if self._work is not None and self._work.done():
-            self._work.result()
-            self._work = None
-        if self._work is None and len(self._log) >= fewest:
-            self._work = self._thread.submit(self._do_logged)
+        """Let the thread do what is logged, unless there is too little."""
+        while self._work and self._work[0].done():
+            self._work.popleft().result()
+        if len(self._log) >= fewest:
+            self._work.append(self._thread.submit(self._do_all, self._log))
+            self._log = []
 
     def wait(self) -> None:
         """Until it has done all that is logged."""
         self.follow(fewest=1)
-        while self._work is not None:
-            self._work.result()
-            self.follow(fewest=1)
+        while self._work:
+            self._work.popleft().result()
 
     def behind(self, steps: int) -> int:
         """By how many steps of the original it is behind the time after these steps."""
@@ -351,27 +322,18 @@ class _Companion:
         self._log.clear()
         self._fail(f"the finer run is more than {MOST_BEHIND:g} s behind")
 
-    def reset(self) -> None:
-        """Go back to the initial state and clear the errors."""
-        self._forget()
-        if self.simulator is not None:
-            self.simulator.reset()
-
     def take_over(self, original: Simulator) -> None:
         """Start from the present state of the original."""
         self._forget()
         if self.simulator is not None:
             self.simulator.take_over(original)
 
-    def _do_logged(self) -> None:
+    def _do_all(self, logged: list[tuple[int, _Change]]) -> None:
         began = time.thread_time()
-        with suppress(IndexError):  # nothing is left
-            while self.simulator is not None and not self.failure:
-                at, change = self._log.popleft()
+        for at, change in logged:
+            if self.simulator is not None and not self.failure:
                 self._do(self.simulator, at, change)
                 self._reached = at
-        if self.failure:
-            self._log.clear()
         self.seconds += time.thread_time() - began
 
     def _do(self, simulator: Simulator, at: int, change: _Change) -> None:
@@ -396,14 +358,15 @@ class _Companion:
         self.failure, self.largest = reason, math.inf
 
 
-def _placing(simulator: Simulator, end_poses: Mapping[str, Pose] | None = None) -> _Place:
-    """What builds companions that begin in the equilibrium of a simulator, built with these poses,
-    that has not advanced.
-    """
+def _placing(simulator: Simulator) -> _Place:
+    """What builds companions that begin in the equilibrium of a simulator that has not advanced."""
+    poses = {
+        name: simulator.end_pose(name) for name in simulator.scene.holders | simulator.scene.moved
+    }
 
     def place(scene: Scene) -> Simulator:
         if scene.discretization != simulator.scene.discretization:
-            return Simulator(scene, end_poses, near=simulator)
+            return Simulator(scene, poses, near=simulator)
         return simulator.reconfigured(scene)
 
     return place

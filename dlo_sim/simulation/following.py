@@ -66,28 +66,14 @@ def record_along(
 
 
 def checked_path(sim: Running, name: str, given: ArrayLike, count: int) -> Array:
-    """Check poses (count, 7), or pairs of points (count, 2, 3), of an end effector.
-
-    Returns:
-        Poses, shape (count, 7).
+    """Poses (count, 7) of an end effector from poses or pairs of points (count, 2, 3), which do not
+    determine the roll: it goes on from the present one.
 
     Raises:
-        TypeError, ValueError: no such end effector, or not such poses.
+        TypeError, ValueError: no such end effector, not such numbers, a zero quaternion, or points
+            that coincide.
     """
-    orientation = sim.end_pose(known_holder(sim.scene, name))[1]
-    return checked_poses(name, given, count, orientation, sim.geometries[name].tangent)
-
-
-def checked_poses(name: str, given: ArrayLike, count: int, before: Array, tangent: Array) -> Array:
-    """Poses (count, 7) of an end effector from poses or pairs of points (count, 2, 3).
-
-    Args:
-        before: orientation before the first pose; pairs of points do not determine the roll.
-        tangent: of the cable in the end effector's frame.
-
-    Raises:
-        TypeError, ValueError: not such numbers, a zero quaternion, or points that coincide.
-    """
+    before, tangent = sim.end_pose(known_holder(sim.scene, name))[1], sim.geometries[name].tangent
     try:
         are_points = np.ndim(given) == 3
     except ValueError:  # rows of unequal length

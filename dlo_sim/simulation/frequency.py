@@ -12,47 +12,25 @@ from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
-DENSE_LIMIT = 700  # unknowns up to which a dense solution is fast enough
 ITERATIONS = 120
 
 
 def largest_frequency(scene: Scene, cable: Cable) -> float:
     """Largest natural frequency omega [rad/s] of K x = omega^2 M x at the present configuration,
-    over the motions that satisfy the constraints of the grasps.
-
-    The eigenvalue problem is solved as a dense one, or by Lanczos iteration if the cable has over
-    DENSE_LIMIT unknowns; that estimate is from below and converges first at this end of the
-    spectrum.
+    over the motions that satisfy the constraints of the grasps, by Lanczos iteration: an estimate
+    from below, which converges first at this end of the spectrum.
     """
     model = cable.model
     dim = len(model.axes)
-    value = _dense(cable) if dim * model.n <= DENSE_LIMIT else _lanczos(cable)
+    value = _lanczos(cable)
     if model.twist:
         held = model.held_mask()[dim]
         twisting = spectrum.largest_of_line(model.twisting_stiffness, model.mass(dim), ~held)
         value = max(value, twisting)
     if model.has(TORSION):
         value = with_torsion(value, scene, model)
-    return _without_rounding(value)
-
-
-def _without_rounding(frequency: float) -> float:
-    """Ten digits: LAPACK rounds the others differently on another processor, and steps follow."""
-    return float(f"{frequency:.10g}")
-
-
-def _held_rows(cable: Cable) -> Array:
-    """Constraint rows on the spatial unknowns, ordered by control point, shape (m, n dim)."""
-    model, rows = cable.model, []
-    dim = len(model.axes)
-    for row, turning in zip(model.holding.rows, cable.directions, strict=True):
-        point = model.holding.points[row.point]
-        if not point.twist:
-            direction = np.eye(dim)[row.line] if row.line >= 0 else turning
-            line = np.zeros((model.n, dim))
-            line[point.first : point.first + 4] = np.outer(point.weights, direction)
-            rows.append(line.ravel())
-    return np.array(rows).reshape(len(rows), model.n * dim)
+    # Ten digits: LAPACK rounds the others differently on another processor, and steps follow.
+    return float(f"{value:.10g}")
 
 
 def _spatial(cable: Cable) -> Array:
@@ -64,17 +42,6 @@ def _spatial(cable: Cable) -> Array:
         for k in range(-3, 4):
             out[:, d, (k + 4) * dim + e - d - 1] = band[:, d, (k + 4) * model.lines + e - d - 1]
     return out.reshape(model.n * dim, -1)
-
-
-def _dense(cable: Cable) -> float:
-    model = cable.model
-    dim, n = len(model.axes), model.n
-    stiffness = spectrum.dense(_spatial(cable), 4 * dim - 1)
-    inertia = np.zeros((n * dim, n * dim))
-    for d in range(dim):
-        inertia[d::dim, d::dim] = mass.dense(model.mass(d))
-    rows = _held_rows(cable)
-    return spectrum.largest_of_dense(stiffness, inertia, rows)
 
 
 def _lanczos(cable: Cable) -> float:
@@ -104,6 +71,8 @@ def _lanczos(cable: Cable) -> float:
     beside: list[float] = []
     image = weigh(x)
     norm = float(np.sqrt(np.vdot(x, image)))
+    if norm == 0.0:  # nothing is free to move
+        return 0.0
     for _ in range(ITERATIONS):
         x, image = x / norm, image / norm
         pairs.append((x, image))

@@ -69,8 +69,11 @@ def known_holder(scene: Scene, name: object) -> str:
     return arguments.one_of("end", name, scene.holders)
 
 
-def geometries_of(scene: Scene, poses: Mapping[str, Pose] | None = None) -> dict[str, Geometry]:
-    """Geometry of all ends and grasps, from the scene or from end-effector poses where given.
+def geometries_of(
+    scene: Scene, poses: Mapping[str, Pose] | None = None, before: Geometries | None = None
+) -> dict[str, Geometry]:
+    """Geometry of all ends and grasps, from the scene or from end-effector poses where given;
+    tangents of ends that the scene does not give are those `before`, if there are any.
 
     A grasp that takes the cable at the nearest point (negative `at`) finds it on the first shape.
 
@@ -96,6 +99,8 @@ def geometries_of(scene: Scene, poses: Mapping[str, Pose] | None = None) -> dict
     for name, holder in scene.holders.items():
         position, orientation, attachment = placed[name]
         tangent = np.asarray(holder.tangent, dtype=float)
+        if before and name in scene.ends and not tangent.any():
+            tangent = before[name].tangent
         if holder.pose_type == "two_points":
             tangent = np.array(X_AXIS)
         elif not tangent.any():

@@ -10,10 +10,11 @@ import numpy as np
 
 from dlo_sim.engine.grasps import ACTIVE
 from dlo_sim.scene.description import Obstacle
-from dlo_sim.simulation import obstacles
-from dlo_sim.simulation.buckling import look_due, release
+from dlo_sim.simulation import obstacles, self_contact
+from dlo_sim.simulation.buckling import grows, growth, look_due, release
+from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.geometry import moved
-from dlo_sim.simulation.meshes import as_text
+from dlo_sim.simulation.meshes import keep_triangles
 from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.running import Running
 
@@ -65,7 +66,7 @@ def take_over(sim: Running, other: Running) -> None:
     now, before = (
         {one.u for one in each.held_now.values() if one.u is not None} for each in (sim, other)
     )
-    sim.cable.open_account(sim.scene, other.cable, sorted(before - now))
+    sim.cable.open_account(other.cable, sorted(before - now))
     sim.initial = sim.snapshot()
 
 
@@ -86,7 +87,7 @@ def _take_over_grasps(sim: Running, other: Running) -> list[str]:
             slipped_out = before.u is None and other.scene.grasp(name).taken
             taking += [name] * (grasp.taken and not slipped_out)
     if sim.scene.grasps:
-        sim.activate(sim.needs, held)
+        sim.activate(build_model(sim.scene, sim.needs, held, sim.origin))
     return taking
 
 
@@ -96,15 +97,17 @@ def load_ahead(sim: Running) -> None:
     """
     cable, state = sim.cable, sim.cable.state.copy()
     if look_due(cable):
-        release(cable, sim.scene)
-        cable.solve_held(np.zeros(len(cable.stiffness())))  # also if nothing presses it now
+        release(cable)
+        growth(cable, np.eye(len(sim.model.axes)))  # also if nothing presses it now
+        grows(cable, np.zeros((len(sim.model.axes),) * 2), 1.0)
     cable.state[:] = state
+    self_contact.nearest(sim.model, cable.points)
     sim.cable.velocities(0.0)
     sim.cable.balance()
     sim.cable.present_energy()
     if sim.scene.contact.markers and "contact" not in sim.needs:
         x, y, z = (sim.origin + 1e3 * sim.scene.cable.length).tolist()
-        mesh = as_text(obstacles.surface(Obstacle("box", "box")))
+        mesh = keep_triangles(obstacles.surface(Obstacle("box", "box")))
         body = Obstacle("body", "mesh", position=(x, y, z), mesh=mesh, mesh_cells=8)
         sim.replace_added((body,))
         _read(sim)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 import io
 import json
 import math
@@ -22,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.engine import distance_field
-from dlo_sim.scene.description import Obstacle, Scene
+from dlo_sim.scene.description import Obstacle
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.obstacles import IN_MEMORY, IN_TEXT
+from dlo_sim.scene.parameter import IN_TEXT
 
 Array = NDArray[np.float64]
 KINDS = "stl", "obj", "ply", "glb", "dae"  # of files; trimesh reads others, archives among them
@@ -38,7 +37,6 @@ BORDER = 4  # cells of the grid around a mesh, beside the radius of the cable
 FINEST = 0.125  # of the radius of the cable: no cell is smaller
 CRUMB = 0.1  # of the diameter of the cable: a mesh below that is in the wrong unit
 TIME_OF_VALUE = 2e-6  # [s] to make a value of a field; 0.3e-6 to 1.3e-6 are measured
-_kept: dict[str, Array] = {}
 # Triangles and fields that somebody uses, and the last ones that were made.
 _used: WeakValueDictionary[tuple[object, ...], Any] = WeakValueDictionary()
 _last: deque[object] = deque(maxlen=16)
@@ -94,7 +92,7 @@ class Field:
 
 
 def keep_triangles(triangles: Array) -> str:
-    """Keep a mesh for `obstacles.<name>.mesh` in this process; returns the value of that key.
+    """A mesh as the value of `obstacles.<name>.mesh`, in any process: as a text that contains it.
 
     Args:
         triangles: corners [m], shape (k, 3, 3), closed, in any order and orientation.
@@ -102,45 +100,15 @@ def keep_triangles(triangles: Array) -> str:
     Raises:
         ValueError: not triangles, or not closed, in one line.
     """
-    given = _checked(triangles)
-    name = IN_MEMORY + hashlib.sha256(given.tobytes()).hexdigest()[:16]
-    _kept[name] = given
-    return name
-
-
-def kept_of(scene: Scene) -> dict[str, Array]:
-    """The triangles that are kept for the obstacles of a scene, for `keep_also`."""
-    return {one.mesh: _kept[one.mesh] for one in scene.bodies if one.mesh in _kept}
-
-
-def keep_also(kept: dict[str, Array]) -> None:
-    """Keep what another process keeps, from `kept_of`."""
-    _kept.update(kept)
-
-
-def as_text(triangles: Array) -> str:
-    """A mesh as the value of `Obstacle.mesh`, in any process; too long for a file of a scene.
-
-    Args:
-        triangles: as of `keep_triangles`.
-
-    Raises:
-        ValueError: as `keep_triangles`.
-    """
-    given = _checked(triangles)
-    name = IN_TEXT + base64.b64encode(given.tobytes()).decode("ascii")
-    _once((name, 1.0), lambda: given)
-    return name
-
-
-def _checked(triangles: Array) -> Array:
     given = np.array(triangles, dtype=float, order="C")
     if given.ndim != 3 or given.shape[1:] != (3, 3):
         raise ValueError(f"triangles: need shape (k, 3, 3), got {given.shape}")
     problem = problem_of(given)
     if problem:
         raise ValueError(f"triangles: {problem}")
-    return given
+    name = IN_TEXT + base64.b64encode(given.tobytes()).decode("ascii")
+    _once((name, 1.0), lambda: given)
+    return name
 
 
 def field_of(obstacle: Obstacle, radius: float) -> Field:
@@ -198,7 +166,7 @@ def _once(key: tuple[object, ...], make: Callable[[], Any]) -> Any:
 def _source(obstacle: Obstacle) -> tuple[object, ...]:
     """Where the triangles of a mesh are from: a file as it was when it was changed."""
     name, scale = obstacle.mesh, obstacle.mesh_scale
-    if name.startswith((IN_TEXT, IN_MEMORY)):
+    if name.startswith(IN_TEXT):
         return name, scale
     status = found_path(name).stat()
     return name, scale, status.st_mtime_ns, status.st_size, status.st_ino
@@ -206,14 +174,10 @@ def _source(obstacle: Obstacle) -> tuple[object, ...]:
 
 def _read(name: str) -> Array:
     """Triangles of a mesh, checked."""
-    if name in _kept:
-        return _kept[name]
-    if name.startswith(IN_MEMORY):
-        raise ValueError("these triangles are of another process; give them here again, or a file")
     if name.startswith(IN_TEXT):
         triangles = np.frombuffer(base64.b64decode(name.removeprefix(IN_TEXT), validate=True))
         if triangles.size % 9:
-            raise ValueError("are no triangles; take dlo_sim.simulation.meshes.as_text")
+            raise ValueError("are no triangles; take dlo_sim.simulation.meshes.keep_triangles")
         triangles = triangles.reshape(-1, 3, 3)
     else:
         triangles = read_file(found_path(name))

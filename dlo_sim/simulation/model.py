@@ -11,8 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline, elimination, mass, quadrature
 from dlo_sim.engine.arrays import PLASTICITY, CableArrays, Inputs, State
-from dlo_sim.scene.description import Obstacle
+from dlo_sim.scene.description import Obstacle, Scene
+from dlo_sim.scene.needs import Needs
 from dlo_sim.simulation.arrays import without_margins
+from dlo_sim.simulation.geometry import Geometries
 from dlo_sim.simulation.holding import Holding
 from dlo_sim.simulation.meshes import Field
 
@@ -24,6 +26,8 @@ class Model:
     """Constants of a scene; never changed after building.
 
     Attributes:
+        scene, needs: what it was made of: a scene that leaves nothing open, with which terms.
+        geometries: what holds the cable, grasps as they took it, relative to `origin`.
         arrays: those of its cables, without inputs, state and work.
         knots: clamped knot vector, shape (n + 4,). rule: quadrature.
         axes: world axis of every spatial line. twist: whether a twist line follows.
@@ -38,6 +42,9 @@ class Model:
             that are meshes, which are kept while a model needs them.
     """
 
+    scene: Scene
+    needs: Needs
+    geometries: Geometries
     arrays: CableArrays
     knots: Array
     rule: quadrature.Quadrature

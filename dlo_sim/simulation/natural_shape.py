@@ -18,7 +18,6 @@ from dlo_sim.core import rotations
 from dlo_sim.engine import grasps
 from dlo_sim.engine.arrays import CURVED, MATERIAL, PLASTICITY
 from dlo_sim.methods import between_steps
-from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.cable import Cable
@@ -32,8 +31,7 @@ class NaturalShape:
     """The natural shape of a scene in the arrays of its cable.
 
     Args:
-        tangent: of the cable in the frame of the start's end effector. orientation: of that end
-            effector, quaternion x, y, z, w.
+        orientation: of the start's end effector, quaternion x, y, z, w.
 
     Attributes:
         follows: whether it follows the cable, all of it or that of its plastic part, so that `lay`
@@ -43,14 +41,14 @@ class NaturalShape:
         SceneError: the axis of the curvature lies along the cable.
     """
 
-    def __init__(self, scene: Scene, cable: Cable, tangent: Array, orientation: Array) -> None:
-        self._scene, self._cable, model = scene, cable, cable.model
+    def __init__(self, cable: Cable, orientation: Array) -> None:
+        self._cable, model = cable, cable.model
         self._rows = np.zeros((*model.rule.xi.shape, 4))
         self._turning: Array | None = None  # rows that turn with the start, as `turn_natural` wants
         self.follows = model.has(MATERIAL) or model.has(PLASTICITY)
-        if not (model.has(CURVED) and scene.cable.shaped):
+        if not (model.has(CURVED) and model.scene.cable.shaped):
             return
-        self._rows = natural_rows(scene, model, tangent)
+        self._rows = natural_rows(model, model.geometries["start"].tangent)
         if not model.has(MATERIAL):
             rows = weighted(model, self._rows)
             self._turning = to_blocks(rows)
@@ -81,7 +79,8 @@ class NaturalShape:
     @property
     def places(self) -> Array:
         """Material coordinates [m] whose material frames `lay` needs: the start and the samples."""
-        return np.append(0.0, self._cable.model.sample_shares.ravel() * self._scene.cable.length)
+        model = self._cable.model
+        return np.append(0.0, model.sample_shares.ravel() * model.knots[-1])
 
     def lay(self, orientation: Array, frames: Array) -> None:
         """Lay it along the present shape, without plastic flow yet.
@@ -102,10 +101,10 @@ class NaturalShape:
         cable.open_frame()
 
     def equals(self, other: NaturalShape) -> bool:
-        """Whether `transfer.carry_samples` takes over the same natural shape from the other one."""
+        """Whether `Cable.take_over_samples` takes over the natural shape from the other one."""
         both = self, other
         terms = {one._cable.terms & (MATERIAL | PLASTICITY) for one in both}
-        cables = (one._scene.cable for one in both)
+        cables = (one._cable.model.scene.cable for one in both)
         shapes = {(cable.natural_shape, cable.rest_curvature_axis) for cable in cables}
         shares = [one._cable.model.elastic_share for one in both]
         same = len(terms) == len(shapes) == 1
@@ -116,14 +115,14 @@ class NaturalShape:
         return local_turn(rotations.to_matrix(orientation), self._cable.model.axes)
 
 
-def natural_rows(scene: Scene, model: Model, tangent: Array) -> Array:
+def natural_rows(model: Model, tangent: Array) -> Array:
     """Rows where the cable leaves the start's end effector, in whose frame it has this unit
     tangent.
 
     Raises:
         SceneError: the axis lies along the cable.
     """
-    cable, share = scene.cable, model.sample_shares
+    cable, share = model.scene.cable, model.sample_shares
 
     def along(values: tuple[float, ...]) -> Array:
         return np.interp(share, np.linspace(0.0, 1.0, len(values)), values)[..., None]

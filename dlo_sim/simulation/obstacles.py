@@ -18,20 +18,19 @@ from dlo_sim.core.strain import strain
 from dlo_sim.engine import contact, shapes
 from dlo_sim.engine.arrays import (
     BOXED,
+    CONTACT,
     MARGIN,
     MESHED,
     MOTION_SIZE,
     ROUND,
     TUBED,
-    CableArrays,
 )
 from dlo_sim.engine.arrays import Contact as ContactArrays
 from dlo_sim.engine.grasps import FRAME, POSITION
 from dlo_sim.scene.description import EARTH, Obstacle, Scene
-from dlo_sim.scene.refusal import SceneError
-from dlo_sim.simulation.arrays import COARSE, to_blocks
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.meshes import Field, field_of, triangles_of
+from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
 Pressure = tuple[Array, Array]
@@ -39,7 +38,6 @@ Pressure = tuple[Array, Array]
 between them."""
 UNTOUCHED: Pressure = np.zeros(1), np.zeros(1)
 ROUNDED = 1e-9  # diameters of overlap that are round-off
-PLANE_SAMPLES = 8  # of a knot span: between 2, a cable that is pushed down bent into the plane
 STRETCHED = 1.1  # lengths that a cable reaches
 PLACES = 101  # of the cable that are checked for being inside obstacles
 MOST_PIECES, MOST_IN_GUIDES = 4, 16  # groups of LANES samples of a knot span, that bodies touch
@@ -180,17 +178,6 @@ def gaps(obstacle: Obstacle, diameter: float, points: Array) -> Array:
     return np.asarray(outside + np.minimum(over.max(axis=-1), 0.0) - reach)
 
 
-def check_outside(obstacle: Obstacle, diameter: float, u: Array, line: Array) -> None:
-    """Refuse a cable that is `inside` an obstacle.
-
-    Raises:
-        SceneError: it is; in one line.
-    """
-    found = inside(obstacle, diameter, u, line)
-    if found:
-        raise SceneError(f"{found}; move the obstacle or the cable's ends")
-
-
 def inside(obstacle: Obstacle, diameter: float, u: Array, line: Array) -> str:
     """One line if a cable begins deeper in an obstacle than it is thick, so that it would be flung
     out; else empty.
@@ -308,19 +295,12 @@ class Contact(NamedTuple):
         return float(np.linalg.norm(self.forces, axis=1).sum())
 
 
-def contact_with(
-    cable: Cable,
-    number: int,
-    obstacle: Obstacle,
-    pose: tuple[Array, Array] | None,
-    tension: Callable[[Array], Array] | None,
-) -> Contact:
+def contact_with(cable: Cable, number: int, tension: Callable[[Array], Array] | None) -> Contact:
     """What of a cable touches an obstacle at the present configuration. Forces are
     those of pressure and bristles, with the mean force of the impulses in the last step.
 
     Args:
-        number: of the obstacle. pose: position [m] and quaternion of it, world frame, needed of
-            rings and channels (GUIDES). tension: [N] at material coordinates [m]; None = not known.
+        number: of the obstacle. tension: [N] at material coordinates [m]; None = not known.
     """
     model = cable.model
     u, weights, found, _ = _samples(cable, number)
@@ -338,7 +318,7 @@ def contact_with(
         u=u[touches],
         points=points,
         forces=forces,
-        passes=passes(cable, obstacle, pose) if pose else np.zeros(0),
+        passes=passes(cable, number),
         tensions=tensions_beside(model.knots, u[touches], tension),
         deepest=float(cable.arrays.state.deepest[number]),
         stiffness=float(cable.arrays.contact.law[number, contact.STIFFNESS]),
@@ -356,10 +336,8 @@ def _samples(cable: Cable, number: int) -> tuple[Array, Array, Array, NDArray[np
     numbers = np.arange(len(reported) * LANES).reshape(-1, LANES, 1)
     rows = np.concatenate([reported.reshape(-1, LANES, 4), numbers], axis=-1)
     begin, end, spans = group.begin[number], group.end[number], model.n - bspline.DEGREE
-    flat = group.core[number] == shapes.HALF_SPACE
-    found = by_span(rows[begin:end], flat, spans)
-    pieces = 0 if flat else (end - begin) // spans
-    rule = rule_of(tuple(model.knots.tolist()), pieces, group.radius)
+    found = rows[begin:end].reshape(spans, -1, rows.shape[-1])
+    rule = rule_of(tuple(model.knots.tolist()), (end - begin) // spans, group.radius)
     there = rule.weights != 0.0
     u = rule.places(bspline.breaks(model.knots))[there]
     found = found[there]
@@ -403,10 +381,11 @@ def let_overlap(cable: Cable, number: int, kept: Pressure, let_be: float = 0.0) 
     return float((now - before).max())
 
 
-def tension_along(scene: Scene, cable: Cable) -> Callable[[Array], Array] | None:
+def tension_along(cable: Cable) -> Callable[[Array], Array] | None:
     """Tension [N] of a cable by material coordinates [m], linear between the middles of its knot
     spans; None if its shape does not determine it.
     """
+    scene = cable.model.scene
     if scene.without_tension:
         return None
     ends = bspline.breaks(cable.model.knots)
@@ -424,17 +403,18 @@ def tensions_beside(knots: Array, u: Array, tension: Callable[[Array], Array] | 
     return tension(np.clip([u.min() - away, u.max() + away], 0.0, knots[-1]))
 
 
-def passes(cable: Cable, obstacle: Obstacle, pose: tuple[Array, Array]) -> Array:
-    """`Contact.passes` of an obstacle at a pose."""
+def passes(cable: Cable, number: int) -> Array:
+    """`Contact.passes` of an obstacle where it is now."""
+    model, obstacle = cable.model, cable.model.scene.bodies[number]
     if obstacle.shape not in GUIDES:
         return np.zeros(0)
-    model, opening = cable.model, 0.5 * obstacle.size[0]
-    turn = rotations.to_matrix(pose[1])
+    opening, pose = 0.5 * obstacle.size[0], cable.arrays.state.pose[number]
+    axes = [*model.axes, *({0, 1, 2} - {*model.axes})]  # as the pose has them (`contact.set_pose`)
+    points = (cable.points[:, :3] - model.rest)[:, axes] - pose[9:12]
 
     def place(u: Array) -> Array:
         """Points of the cable in the frame of the obstacle."""
-        line = bspline.evaluate(cable.points[:, :3], model.knots, u)
-        return (line + model.origin - pose[0]) @ turn
+        return bspline.evaluate(points, model.knots, u) @ pose[:9].reshape(3, 3)
 
     u = np.linspace(0.0, model.knots[-1], PASSES * (model.n - bspline.DEGREE) + 1)
     z = place(u)[:, 2]
@@ -448,14 +428,14 @@ def passes(cable: Cable, obstacle: Obstacle, pose: tuple[Array, Array]) -> Array
     return np.asarray(low[np.hypot(x, y) < opening])
 
 
-def thin_warning(scene: Scene) -> str:
+def thin_warning(model: Model) -> str:
     """One line if samples of the cable are further apart than an obstacle is thick, else empty."""
-    if not scene.touches:
+    scene, group = model.scene, model.arrays.contact
+    if not model.has(CONTACT):
         return ""
-    spans = scene.discretization.control_points - bspline.DEGREE
-    pieces, guide_pieces = pieces_of(scene)
+    spans = model.n - bspline.DEGREE
     for obstacle in scene.bodies:
-        count = guide_pieces if obstacle.shape in GUIDES else pieces
+        count = group.guide_pieces if obstacle.shape in GUIDES else group.pieces
         apart = scene.cable.length / (spans * LANES * max(count, 1))
         _, half, reach = core_of(obstacle, 0.5 * scene.cable.diameter)
         if obstacle.shape != "plane" and apart > 2.0 * (min(half) + reach):
@@ -597,13 +577,12 @@ def pieces_of(scene: Scene) -> tuple[int, int]:
     return wanted, in_guides
 
 
-def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
+def fill(model: Model) -> None:
     """Constants of the contact with the obstacles of a scene."""
-    group, radius = arrays.contact, 0.5 * scene.cable.diameter
+    scene, group = model.scene, model.arrays.contact
+    radius = 0.5 * scene.cable.diameter
     group.count = len(group.core)
-    group.pieces, group.guide_pieces = pieces_of(scene)
-    group.coarse = COARSE * arrays.blocks
-    group.still[:] = still
+    group.still[:] = model.rest
     group.density, group.restitution = scene.cable.mu, scene.contact.restitution
     group.least_margin = scene.cable.diameter
     group.radius = radius
@@ -618,7 +597,8 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
             _fill_field(obstacle, radius, group, k)
         # The cable is never further from what it touches.
         group.extent[k] = 2.0 * scene.cable.length if flat else math.hypot(*core.half)
-    write_samples(group, *samples_by_span(knots, (group.pieces, group.guide_pieces), radius))
+    pieces = group.pieces, group.guide_pieces
+    write_samples(group, *samples_by_span(model.knots, pieces, radius))
 
 
 def _fill_field(obstacle: Obstacle, radius: float, group: ContactArrays, number: int) -> None:
@@ -652,90 +632,56 @@ def rule_of(knots: tuple[float, ...], pieces: int, radius: float) -> quadrature.
 
 
 def sample_rule(knots: Array, pieces: int) -> quadrature.Quadrature:
-    """`trapezoidal` rule of the samples that touch bodies, so many groups of a span, those of the
-    last span a little closer, up to its end; of those that touch planes for 0 pieces: their last
-    one of a span counts in the last span only, whose end it is.
-    """
-    spans, count = len(knots) - 2 * bspline.DEGREE - 1, pieces * LANES or PLANE_SAMPLES + 1
-    xi = np.tile(2.0 * np.arange(count) / (count if pieces else PLANE_SAMPLES) - 1.0, (spans, 1))
-    xi[-1] = np.linspace(-1.0, 1.0, count)
-    there = np.ones(xi.shape, dtype=bool)
-    there[:-1, -1] = pieces > 0
-    return trapezoidal(knots, xi, there)
-
-
-def trapezoidal(knots: Array, xi: Array, there: NDArray[np.bool_]) -> quadrature.Quadrature:
-    """Trapezoidal rule on the samples at xi (spans, k) that are there.
+    """Trapezoidal rule of so many groups of samples of a span, those of the last span a little
+    closer, up to its end.
 
     Its weights are changed as little as makes the integrals of all basis functions exact, so that
     a cable under its own weight lies evenly on a plane, ends included.
     """
-    ends = bspline.breaks(knots)
-    places = quadrature.Quadrature(xi, np.ones(xi.shape)).places(ends)
-    apart = np.diff(places[there])
-    weights = np.zeros(xi.shape)
-    weights[there] = 0.5 * (np.append(apart, 0.0) + np.append(0.0, apart))
+    spans, count = len(knots) - 2 * bspline.DEGREE - 1, pieces * LANES
+    xi = np.tile(2.0 * np.arange(count) / count - 1.0, (spans, 1))
+    xi[-1] = np.linspace(-1.0, 1.0, count)
+    places = quadrature.Quadrature(xi, np.ones(xi.shape)).places(bspline.breaks(knots))
+    apart = np.diff(places.ravel())
+    weights = (0.5 * (np.append(apart, 0.0) + np.append(0.0, apart))).reshape(xi.shape)
     values = values_of_spans(knots, xi)
     lacking = (knots[bspline.ACTIVE :] - knots[: -bspline.ACTIVE]) / bspline.ACTIVE
     here = np.arange(len(xi))[:, None] + np.arange(bspline.ACTIVE)
     np.subtract.at(lacking, here, np.einsum("sm,smk->sk", weights, values))
     # Least squares by their normal equations; a single span has more basis functions than samples.
-    band = mass.gram(knots, rule=quadrature.Quadrature(xi, there.astype(float)))
+    band = mass.gram(knots, rule=quadrature.Quadrature(xi, np.ones(xi.shape)))
     band[0] *= 1.0 + 1e-13
     change, _ = elimination.solve(mass.dense(band), lacking, bspline.DEGREE)
-    weights += there * np.einsum("smk,sk->sm", values, change[here])
+    weights += np.einsum("smk,sk->sm", values, change[here])
     return quadrature.Quadrature(xi, weights)
 
 
-def samples_by_span(
-    knots: Array, pieces: tuple[int, int], radius: float
-) -> tuple[Array, Array, Array]:
+def samples_by_span(knots: Array, pieces: tuple[int, int], radius: float) -> tuple[Array, Array]:
     """Basis functions, weights, and derivatives of the basis functions by the local coordinate,
-    shape (spans, samples, 9), of samples that touch planes, of those that touch bodies, and of
-    those that touch rings and channels (`pieces_of`).
+    shape (spans, samples, 9), of samples that touch rings and channels, second, and of those that
+    touch all else (`pieces_of`).
     """
-    rules = [rule_of(tuple(knots.tolist()), count, radius) for count in (0, *pieces)]
-    flat, bodies, guides = (
-        np.concatenate(
-            [
-                values_of_spans(knots, rule.xi),
-                rule.weights[..., None],
-                values_of_spans(knots, rule.xi, 1),
-            ],
-            axis=-1,
-        )
-        for rule in rules
-    )
-    return flat, bodies, guides[:, : LANES * pieces[1]]
+    found = [np.zeros((len(bspline.breaks(knots)) - 1, 0, 9))] * 2
+    for k, count in enumerate(pieces):
+        if count:
+            rule = rule_of(tuple(knots.tolist()), count, radius)
+            values, slopes = (values_of_spans(knots, rule.xi, order) for order in (0, 1))
+            found[k] = np.concatenate([values, rule.weights[..., None], slopes], axis=-1)
+    return found[0], found[1]
 
 
-def write_samples(group: ContactArrays, planes: Array, bodies: Array, guides: Array) -> None:
+def write_samples(group: ContactArrays, bodies: Array, guides: Array) -> None:
     """Write `samples_by_span` as groups, and which of them touch each obstacle."""
-    spans, blocks = len(planes), group.coarse // COARSE
-    flat = to_blocks(planes).transpose(0, 1, 3, 2)  # block, sample, lane, value
-    begin_guides = group.coarse + spans * group.pieces
-    is_flat, is_guide = group.core == shapes.HALF_SPACE, group.core == shapes.TUBE
-    group.begin[:] = np.where(is_flat, 0, np.where(is_guide, begin_guides, group.coarse))
+    spans, is_guide = len(bodies), group.core == shapes.TUBE
+    begin_guides = spans * group.pieces
+    group.begin[:] = np.where(is_guide, begin_guides, 0)
     group.end[:] = np.where(is_guide, len(group.first), begin_guides)
-    group.end[is_flat] = group.coarse
-    fine = np.concatenate([one.reshape(-1, LANES, 9) for one in (bodies, guides)])
-    values = np.concatenate([flat.reshape(-1, LANES, 9), fine])
+    values = np.concatenate([one.reshape(-1, LANES, 9) for one in (bodies, guides)])
     group.basis[:] = values[..., :4].swapaxes(1, 2)
     group.weight[:] = values[..., 4]
     group.slope[:] = values[..., 5:].swapaxes(1, 2)
-    by_piece = (np.repeat(np.arange(spans), k) for k in (group.pieces, group.guide_pieces))
-    firsts = np.repeat(LANES * np.arange(blocks), COARSE), *by_piece
-    group.first[:] = MARGIN + np.concatenate(firsts)
-
-
-def by_span(groups: Array, flat: bool, spans: int) -> Array:
-    """Values of the groups of samples that touch one obstacle, shape (groups, LANES, k), by span.
-    flat: whether it is a plane.
-    """
-    if not flat:
-        return groups.reshape(spans, -1, groups.shape[-1])
-    groups = groups.reshape(-1, COARSE, LANES, groups.shape[-1]).swapaxes(1, 2)
-    return groups.reshape(-1, COARSE, groups.shape[-1])[:spans]
+    by_piece = [np.repeat(np.arange(spans), k) for k in (group.pieces, group.guide_pieces)]
+    group.first[:] = MARGIN + np.concatenate(by_piece)
 
 
 def values_of_spans(knots: Array, xi: Array, order: int = 0) -> Array:

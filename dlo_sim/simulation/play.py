@@ -17,16 +17,14 @@ from dlo_sim.simulation import remarks
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import WRONG, Report, Status, explained, newton_note
 from dlo_sim.simulation.running import Running
-from dlo_sim.simulation.soundness import sound_now
-from dlo_sim.simulation.stepper import CHUNK, Along
+from dlo_sim.simulation.soundness import judged, sound_now
+from dlo_sim.simulation.stepper import AS_BEFORE, CHUNK, Along
 
 
 class Played(Protocol):
-    """A simulator, alone or with an estimate of its error."""
+    """What `play` asks of a simulator."""
 
-    @property
-    def steps(self) -> int:
-        """Whole steps since the start."""
+    steps: int
 
     def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
         """Advance by whole steps."""
@@ -63,7 +61,8 @@ def play(
     """Run a simulator up to step number `until`; if it is there already, it is only judged.
 
     Returns:
-        The report of all steps, with status, message and note of the last stretch.
+        The report of all steps, with status, message and note of the last stretch; UNRESOLVED if a
+        recorded shape is no cable's.
     """
     total = Report(Status.OK, "", 0, 0.0, 0)
     while True:
@@ -76,13 +75,13 @@ def play(
         total = last.after(total)
         ends = [why for one in watchers if (why := one.look(last))]
         if simulator.steps >= until or not last.status.advanced:
-            return total
+            return total if recorder is None else judged(total, recorder)
         if ends:
             return total._replace(status=Status.INTERRUPTED, message=ends[0])
 
 
 def stretch(
-    sim: Running, steps: int, recorder: Recorder | None = None, along: Along | None = None
+    sim: Running, steps: int, recorder: Recorder | None = None, along: Along = AS_BEFORE
 ) -> Report:
     """Advance by whole steps between two stops of `play`. On failure the last good state is kept.
 
@@ -93,7 +92,7 @@ def stretch(
     while done < steps:
         most = min(CHUNK, steps - done, sim.steps_of_motions)
         piece = remarks.steps_until_look(sim, most)
-        ahead = None if along is None else along.part(done, piece)
+        ahead = along if along is AS_BEFORE else along.part(done, piece)
         status, made, used, worst = sim.stepper.advance(sim.steps, piece, recorder, ahead)
         sim.steps += made
         done, evaluations = done + made, evaluations + used

@@ -34,15 +34,11 @@ def reaction(cable: Cable, t: float, grasp: int) -> Array:
 def _place_of(model: Model, grasp: int, points: Array, slides: Array) -> Array:
     """Point at which a grasp holds the cable [m], shape (3,).
 
-    Zeros if it holds only a direction: its moment is then the same about any point.
+    Zeros if it does not hold the cable.
     """
+    at = model.geometries[list(model.scene.holders)[grasp]].u
     for slide, u in zip(model.holding.slides, slides, strict=True):
-        if slide.grasp == grasp and u >= 0.0:
-            return np.asarray(bspline.evaluate(points[:, :3], model.knots, [u])[0])
-    rows = [*model.holding.rows, *model.holding.springs]
-    held = [model.holding.points[row.point] for row in rows if row.grasp == grasp]
-    places = [point for point in held if abs(sum(point.weights)) > 0.5]
-    if not places:
+        at = u if slide.grasp == grasp else at
+    if at is None or at < 0.0:
         return np.zeros(3)
-    first = places[0].first
-    return (np.array(places[0].weights)[:, None] * points[first : first + 4, :3]).sum(axis=0)
+    return np.asarray(bspline.evaluate(points[:, :3], model.knots, [at])[0])

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from dlo_sim.core import bspline
 from dlo_sim.core.strain import strain
 from dlo_sim.engine.arrays import Records
-from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.arrays import without_margins
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
@@ -102,9 +101,10 @@ class Recorder:
         """x, y, z [m] and theta [rad] of the samples taken, world frame, shape (count, n, 4)."""
         return self.model.in_world(self.points)
 
-    def along(self, scene: Scene) -> Shapes:
+    def along(self) -> Shapes:
         """The shapes of the samples taken, at outputs.centerline_samples places of the cable."""
-        model, cable, points = self.model, scene.cable, self.points[:, :, :3]
+        model, scene, points = self.model, self.model.scene, self.points[:, :, :3]
+        cable = scene.cable
         u = np.linspace(0.0, cable.length, scene.outputs.centerline_samples)
         shape = strain(model.knots, u)
         return Shapes(

@@ -20,7 +20,6 @@ from dlo_sim.simulation.remarks import look_back
 from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.selection import less_work
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.simulation.soundness import judged
 
 Array = NDArray[np.float64]
 
@@ -142,39 +141,16 @@ def record(
     """
     began = time.perf_counter()
     simulator = Simulator(scene)
-    return record_simulator(
-        simulator, duration, every, progress, began, scene.estimates_errors, tell
-    )
-
-
-def record_simulator(
-    simulator: Simulator,
-    duration: float,
-    every: float,
-    progress: Callable[[float], None] | None = None,
-    began: float | None = None,
-    with_estimate: bool = False,
-    tell: Callable[[str], object] | None = None,
-) -> Recording:
-    """`record` for a simulator that has not been stepped yet.
-
-    Args:
-        began: `time.perf_counter` when the building of the simulator began [s].
-        with_estimate: whether to estimate the error; only if the simulator is in its scene's
-            initial state.
-    """
-    began = time.perf_counter() if began is None else began
-    scene = simulator.scene
-    estimate = ErrorEstimate(simulator) if with_estimate else None
+    estimate = ErrorEstimate(simulator) if scene.estimates_errors else None
     compile_s = time.perf_counter() - began
     recorder = Recorder(simulator.model, sample_times(duration, every))
     recorder.put(simulator.cable, simulator.energy().total)
     watch = _Progress(simulator, duration, progress, tell)
     watchers = (watch,) if estimate is None else (watch, estimate)
-    report = judged(play(simulator, watch.total, recorder, watchers=watchers), recorder)
+    report = play(simulator, watch.total, recorder, watchers=watchers)
     wall_s, error_found = watch.wall, None if estimate is None else estimate.largest
     count, control_points = recorder.count, recorder.control_points
-    shapes = recorder.along(scene)
+    shapes = recorder.along()
     error = simulator.energy_error
     drawn = look_back(simulator, recorder, recorder.times[:count])
     return Recording(
@@ -238,6 +214,11 @@ def _cores() -> int:
     return os.cpu_count() or 1
 
 
+def steps_of(duration: float, step: float) -> int:
+    """Whole steps [s] that cover a duration [s]."""
+    return max(1, int(np.ceil(duration / step - _ROUNDING)))
+
+
 def sample_times(duration: float, every: float) -> Array:
     """Multiples of `every` [s] from 0 up to the duration."""
     count = int(np.floor(duration / every + _ROUNDING)) + 1
@@ -260,7 +241,7 @@ class _Progress:
     ) -> None:
         self._simulator, self._duration = simulator, duration
         self._progress, self._tell = progress, tell
-        self.total = max(1, int(np.ceil(duration / simulator.step - _ROUNDING)))
+        self.total = steps_of(duration, simulator.step)
         self._part, self._piece = max(self.total // _PARTS, _FEWEST_STEPS), 1
         self.evaluations, self.wall = 0, 0.0
         self._assessed, self._slow = np.zeros((2, 2), dtype=np.int64)

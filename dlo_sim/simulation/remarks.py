@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 
@@ -11,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core.methods import IMPLICIT
+from dlo_sim.engine.arrays import TORSION
 from dlo_sim.scene.needs import mirrors, needs_of
 from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.buckling import look_due, plane_warning, release, side_note
+from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.drawn_obstacles import drawn_obstacles
 from dlo_sim.simulation.recorder import Recorder
@@ -45,7 +46,7 @@ def look_for_buckling(sim: Running) -> None:
     if sim.steps % every == 0:
         every *= look_due(sim.cable)
         if every and sim.steps % every == 0:
-            free = release(sim.cable, sim.scene)
+            free = release(sim.cable)
             if free is not None and not side_taken(sim):
                 across, axes = np.zeros((3, 3)), list(sim.model.axes)
                 across[np.ix_(axes, axes)] = free
@@ -56,7 +57,7 @@ def look_at_itself(sim: Running) -> None:
     """Look whether the cable passes through itself, where it does not touch itself."""
     if "self_contact" not in sim.needs:
         x = sim.cable.x[: len(sim.model.axes)]
-        sim.noticed.watch.look(sim.model, x, sim.scene.cable.diameter, sim.time)
+        sim.noticed.watch.look(sim.model, x, sim.time)
 
 
 def look_back(sim: Running, recorder: Recorder, times: Array) -> dict[str, Array]:
@@ -66,15 +67,15 @@ def look_back(sim: Running, recorder: Recorder, times: Array) -> dict[str, Array
     if "self_contact" not in sim.needs:
         sim.noticed.watch.reset()
         for time, x in zip(times.tolist(), recorder.control_points, strict=False):
-            sim.noticed.watch.look(sim.model, x[:, :3].T, sim.scene.cable.diameter, time)
+            sim.noticed.watch.look(sim.model, x[:, :3].T, time)
     keep = partial(_keep_bends, sim)
-    return drawn_obstacles(sim.scene, sim.cable, recorder, keep)
+    return drawn_obstacles(sim.cable, recorder, keep)
 
 
 def look_at_start(sim: Running) -> None:
     """Note the directions in which the first shape leaves what mirrors it."""
     across = np.diag(mirrors(sim.scene))
-    if side_note(sim.cable, sim.scene, 0.0, across):
+    if side_note(sim.cable, 0.0, across):
         sim.noticed.fell = 0.0, across
 
 
@@ -102,24 +103,36 @@ def warnings(sim: Running, found: Mapping[str, obstacles.Contact]) -> tuple[str,
     lines = (
         sim.noticed.unstable_first,
         open_balance(sim),
-        obstacles.thin_warning(scene),
+        obstacles.thin_warning(sim.model),
         obstacles.mesh_warning(scene),
         obstacles.depth_warning(scene, float(cable.account.contact_deep)),
         *(obstacles.overlap_warning(*key, *seen) for key, seen in sim.noticed.overlaps.items()),
         *pressed.values(),
         *(one.warning(name, finer) for name, one in bends.items() if not pressed.get(name)),
         sim.noticed.watch.warning,
-        *self_contact.warnings(scene, cable, itself, finer),
+        *self_contact.warnings(cable, itself, finer),
     )
     return (*sim.needs.warnings, *filter(None, lines))
 
 
 def notes(sim: Running) -> tuple[str, ...]:
     """`Simulator.notes` beside the warnings."""
-    torsion = sim.undefined_torsion
     flat = "" if sim.noticed.unstable_first else unstable_in_plane(sim)
-    more = flat, torsion.note if torsion.worst else "", side_taken(sim)
+    more = flat, undefined_torsion(sim), side_taken(sim)
     return tuple(filter(None, more))
+
+
+def undefined_torsion(sim: Running) -> str:
+    """One line if the Frenet torsion was undefined somewhere in the run, else empty."""
+    account, samples = sim.cable.account, int(np.count_nonzero(sim.model.rule.weights))
+    if not (sim.model.has(TORSION) and account.torsion_worst):
+        return ""
+    return (
+        "terms.twist frenet: torsion is undefined (curvature below "
+        f"{sim.scene.curvature_floor:.3g} 1/m, where it is suppressed) at up to "
+        f"{account.torsion_worst:.0f} of {samples} samples, "
+        f"{account.torsion_sum / max(account.torsion_looks, 1.0):.1f} on average"
+    )
 
 
 def points_needed(sim: Running, found: Mapping[str, obstacles.Contact]) -> int:
@@ -138,7 +151,7 @@ def open_balance(sim: Running) -> str:
 
 def side_taken(sim: Running) -> str:
     """One line if the cable has left a line or plane to a side that the scene leaves open."""
-    return side_note(sim.cable, sim.scene, *sim.noticed.fell) if sim.noticed.fell else ""
+    return side_note(sim.cable, *sim.noticed.fell) if sim.noticed.fell else ""
 
 
 def unstable_in_plane(sim: Running) -> str:
@@ -147,17 +160,17 @@ def unstable_in_plane(sim: Running) -> str:
     """
     if len(sim.model.axes) == 3 or sim.scene.terms.out_of_plane != "off":
         return ""
-    copy = deepcopy(sim)
-    copy.scene = replace(sim.scene, terms=replace(sim.scene.terms, out_of_plane="on"))
-    copy.activate(needs_of(copy.scene), sim.held_now)
-    return plane_warning(copy.cable, copy.scene)
+    scene = replace(sim.scene, terms=replace(sim.scene.terms, out_of_plane="on"))
+    copy = Running.resumed(sim.snapshot())
+    copy.activate(build_model(scene, needs_of(scene), sim.held_now, sim.origin))
+    return plane_warning(copy.cable)
 
 
 def _bends_with(
     sim: Running, cable: Cable, found: Mapping[str, obstacles.Contact]
 ) -> dict[str, Shortfall]:
     """Bends that the knot spans cannot follow where contacts are known, and those kept."""
-    now = shortfalls(sim.scene, cable.model, cable.points, found)
+    now = shortfalls(cable.model, cable.points, found)
     return sim.noticed.bends | {
         name: max(sim.noticed.bends.get(name, one), one) for name, one in now.items()
     }

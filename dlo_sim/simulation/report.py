@@ -156,32 +156,6 @@ class DiscretizationError:
 
 
 @dataclass(frozen=True)
-class UndefinedTorsion:
-    """Quadrature points whose curvature is below the floor of the Frenet torsion.
-
-    Attributes:
-        samples: number of quadrature points; 0 if twist is not measured against the torsion.
-        last, mean, worst: how many of them were undefined at the last check, on average, at most.
-        floor: curvature [1/m] below which torsion is suppressed by more than half.
-    """
-
-    samples: int
-    last: int
-    mean: float
-    worst: int
-    floor: float
-
-    @property
-    def note(self) -> str:
-        """One line for the user."""
-        return (
-            f"terms.twist frenet: torsion is undefined (curvature below {self.floor:.3g} 1/m, "
-            f"where it is suppressed) at up to {self.worst} of {self.samples} samples, "
-            f"{self.mean:.1f} on average"
-        )
-
-
-@dataclass(frozen=True)
 class Energy:
     """Energies [J]; that of gravity is zero at the world's origin."""
 

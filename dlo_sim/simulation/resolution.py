@@ -45,6 +45,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
+from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.engine.contact_law import TINY
 from dlo_sim.scene.description import PARAMETERS, Obstacle, Scene
 from dlo_sim.simulation.model import Model
@@ -57,7 +58,7 @@ from dlo_sim.simulation.obstacles import (
     bend_radius,
     beyond_reach,
 )
-from dlo_sim.simulation.selection import is_implicit
+from dlo_sim.simulation.selection import method_of
 
 Array = NDArray[np.float64]
 
@@ -239,15 +240,14 @@ def raised(scene: Scene, number: int, implicit: bool) -> str:
     return cure
 
 
-def shortfalls(
-    scene: Scene, model: Model, points: Array, found: Mapping[str, Contact]
-) -> dict[str, Shortfall]:
+def shortfalls(model: Model, points: Array, found: Mapping[str, Contact]) -> dict[str, Shortfall]:
     """Bends of a cable round what it touches that its knot spans cannot follow, by the names of the
     obstacles, ITSELF included.
 
     Args:
         points: control points [m], shape (n, 3 or 4). found: what touches, by the same names.
     """
+    scene = model.scene
     bodies, bends = {one.name: one for one in scene.bodies if one.shape != "plane"}, {}
     breaks = bspline.breaks(model.knots)
     spans, bending = np.diff(breaks), scene.cable.EI * (scene.terms.bend != "off")
@@ -294,7 +294,8 @@ def _grading(scene: Scene, spans: _Spans) -> bspline.Grading:
     if not (any(ends) and plain):
         return bspline.EQUAL
     number, _ = _number(scene, spans, grading)
-    return grading if is_implicit(_with(scene, number, grading)) else bspline.EQUAL
+    method = method_of(_with(scene, number, grading))[0]
+    return grading if method.family == IMPLICIT else bspline.EQUAL
 
 
 def _bent_between(scene: Scene) -> bool:

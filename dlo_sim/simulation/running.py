@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Callable, Mapping
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import arguments
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT
-from dlo_sim.engine.arrays import ENERGIES, MATERIAL, SLIDING, TORSION
+from dlo_sim.engine.arrays import ENERGIES, MATERIAL, SLIDING
 from dlo_sim.engine.sliding import LOST
 from dlo_sim.scene.description import Grasp, Obstacle, Scene
 from dlo_sim.scene.needs import Needs, inextensible, needs_of
@@ -27,11 +28,10 @@ from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.curve import Curve
 from dlo_sim.simulation.ends import EndDrive
-from dlo_sim.simulation.geometry import Geometries, Geometry, moved, origin_of
-from dlo_sim.simulation.holding import holding_of
+from dlo_sim.simulation.geometry import Geometries, Geometry
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.natural_shape import NaturalShape
-from dlo_sim.simulation.report import Energy, UndefinedTorsion
+from dlo_sim.simulation.report import Energy
 from dlo_sim.simulation.resolution import Shortfall
 from dlo_sim.simulation.selection import Choice
 from dlo_sim.simulation.stepper import CHUNK, Stepper
@@ -40,25 +40,6 @@ from dlo_sim.simulation.timeline import Change, Waiting, recorded
 Array = NDArray[np.float64]
 Overlaps = dict[tuple[str, obstacles.Overlap], tuple[int, float]]
 """Obstacle that was inside the cable, how it came there -> how often, how deep at most [m]."""
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """Everything that `Simulator.restore` needs to continue bit for bit. State, inputs and
-    geometries are relative to `origin`, shape (3,) [m]; `step` [s] is that of `steps`.
-    """
-
-    scene: Scene
-    steps: int
-    remainder: float
-    needs: Needs
-    state: Array
-    inputs: Array
-    geometries: Geometries
-    origin: Array
-    step: float
-    waiting: Waiting = field(default_factory=dict)
-    overlaps: Overlaps = field(default_factory=dict)
 
 
 class Noticed:
@@ -83,17 +64,45 @@ class Noticed:
         self.watch = self_contact.Watch()
 
 
+@dataclass(frozen=True)
+class Snapshot:
+    """Everything that changes of a cable that runs, with the constants that it belongs to: from a
+    copy of it, any process goes on bit for bit.
+
+    Attributes:
+        model: the constants. needs: with the warnings so far. choice: method and step.
+        steps: made so far. remainder: time [s] that is carried over to the next advance.
+        state, inputs: the numbers of the cable. waiting: motions that have not begun.
+        noticed: see there.
+    """
+
+    model: Model
+    needs: Needs
+    choice: Choice
+    steps: int
+    remainder: float
+    state: Array
+    inputs: Array
+    waiting: Waiting
+    noticed: Noticed
+
+    @property
+    def scene(self) -> Scene:
+        """What is simulated."""
+        return self.model.scene
+
+    @property
+    def geometries(self) -> Geometries:
+        """What holds the cable, grasps as they took it."""
+        return self.model.geometries
+
+
 class Running:
     """A cable of one scene with its ends, natural shape, motions and steps.
 
-    Args:
-        scene: that leaves nothing open (`resolution.resolved`). geometries: what holds it, in the
-            world.
-
     Attributes:
-        scene, needs: what is simulated, with which terms. geometries: what holds the cable, grasps
-            as they took it. origin: of the cable's coordinates in the world [m], shape (3,).
-        cable: the arrays. curve: its centerline. natural: its natural shape. ends: end effectors.
+        needs: the terms. cable: the arrays. curve: its centerline. natural: its natural shape.
+        ends: end effectors.
         choice: method, step and the reason for them. stepper: of these steps. steps: made so far.
         noticed: see there. follower: repeats every change (`timeline.recorded`), or None.
     """
@@ -102,20 +111,58 @@ class Running:
     stepper: Stepper
     initial: Snapshot
 
-    def __init__(self, scene: Scene, needs: Needs, geometries: Geometries) -> None:
-        self.scene, self.needs = scene, needs
-        self.origin = origin_of(geometries)
-        self.geometries: Geometries = moved(geometries, -self.origin)
-        self.cable = Cable(build_model(scene, needs, self.geometries, origin=self.origin))
-        self.curve = Curve(self.cable, self.geometries["start"].tangent)
-        self.ends = EndDrive(scene, self.geometries, self.model.knots)
+    def __init__(self, model: Model) -> None:
+        self.needs = model.needs
+        self.cable = Cable(model)
+        self.curve = Curve(self.cable, model.geometries["start"].tangent)
+        self.ends = EndDrive(model.scene, model.geometries, model.knots)
         self.steps, self.remainder = 0, 0.0
         self.noticed = Noticed()
         self.follower: Callable[[Change], object] | None = None
-        for row, load in zip(self.cable.loads, scene.loads, strict=False):
+        for row, load in zip(self.cable.loads, model.scene.loads, strict=False):
             if load.signal != "none":
                 row[:3], row[3:6] = load.force, load.torque
             row[6] = load.frequency if load.signal == "sine" else 0.0
+        self.hold_cable()
+
+    @classmethod
+    def resumed(cls, snapshot: Snapshot, initial: Snapshot | None = None) -> Self:
+        """One that goes on from a snapshot, of this process or another one.
+
+        Args:
+            initial: to which it can be reset; default: the snapshot.
+
+        Raises:
+            TypeError: not a snapshot. ValueError: its numbers are none of a cable.
+        """
+        arguments.instance("snapshot", snapshot, Snapshot, "from Simulator.snapshot")
+        found = cls.__new__(cls)
+        Running.__init__(found, snapshot.model)
+        found.initial = initial or snapshot
+        found.step_by(snapshot.choice)
+        found.restore(snapshot)
+        if not (found.cable.indices_fit and math.isfinite(found.cable.present_energy())):
+            raise ValueError("snapshot: its numbers do not fit; give one of Simulator.snapshot")
+        return found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy goes on from the same state, and is not followed."""
+        return type(self).resumed, (self.snapshot(), self.initial)
+
+    @property
+    def scene(self) -> Scene:
+        """What is simulated: a scene that leaves nothing open (`resolution.resolved`)."""
+        return self.model.scene
+
+    @property
+    def geometries(self) -> Geometries:
+        """What holds the cable, grasps as they took it."""
+        return self.model.geometries
+
+    @property
+    def origin(self) -> Array:
+        """Origin of the cable's coordinates in the world [m], shape (3,)."""
+        return self.model.origin
 
     @property
     def time(self) -> float:
@@ -159,20 +206,6 @@ class Running:
     def energy_error(self) -> float:
         """Largest |energy - work done + energy lost| so far, as a share of the energy exchanged."""
         return self.cable.worst_balance(self.stepper.checked(self.steps))
-
-    @property
-    def undefined_torsion(self) -> UndefinedTorsion:
-        """At how many samples the Frenet torsion was undefined in the run so far."""
-        if not self.model.has(TORSION):
-            return UndefinedTorsion(0, 0, 0.0, 0, 0.0)
-        account = self.cable.account
-        return UndefinedTorsion(
-            samples=int(np.count_nonzero(self.model.rule.weights)),
-            last=int(account.torsion_last),
-            mean=float(account.torsion_sum / max(account.torsion_looks, 1.0)),
-            worst=int(account.torsion_worst),
-            floor=self.scene.curvature_floor,
-        )
 
     # -- end effectors and their motions ----------------------------------------------------------
 
@@ -275,39 +308,27 @@ class Running:
             )
         if not scene.touches and added:
             raise ValueError("obstacles: terms.contact is off; set it to auto")
-        obstacles.fields_of(scene)  # refuses a mesh while nothing is changed
-        self.cable.settle(self.time)
-        before, kept = self.cable.present_energy(), self.pressures
-        self.scene, needs = scene, self.needs.with_contact(bool(scene.bodies) and scene.touches)
+        needs = self.needs.with_contact(bool(scene.bodies) and scene.touches)
         if added and len(needs.axes) == 2:
             if scene.terms.out_of_plane != "off":  # what touches does not hang taut
                 needs = needs_of(scene)
-            elif self.pushed_across(added):
-                needs = needs.in_plane(scene)
-        for one in known ^ set(scene.bodies):
-            self.ends.queue.by_name.pop(one.name, None)
-        self.activate(needs, self.geometries)
-        new = (one.name for one in set(scene.bodies) - known)
-        self.give_way({name: kept.get(name, obstacles.UNTOUCHED) for name in new})
-        self.cable.account.drive_work += self.cable.present_energy() - before
-
-    def pushed_across(self, added: Iterable[Obstacle]) -> bool:
-        """Whether obstacles push the cable out of its plane."""
-        place = self.geometries["start"].attachment + self.origin
-        missing = {0, 1, 2} - set(self.model.axes)
-        return any(one.pushes_along(k, float(place[k])) for k in missing for one in added)
+            else:  # out of its plane?
+                place = (self.geometries["start"].attachment + self.origin).tolist()
+                missing = {0, 1, 2} - set(self.model.axes)
+                if any(one.pushes_along(k, place[k]) for k in missing for one in added):
+                    needs = needs.in_plane(scene)
+        model, kept = build_model(scene, needs, self.geometries, self.origin), self.pressures
+        with self.cable.working(self.time):
+            for one in known ^ set(scene.bodies):
+                self.ends.queue.by_name.pop(one.name, None)
+            self.activate(model)
+            new = (one.name for one in set(scene.bodies) - known)
+            self.give_way({name: kept.get(name, obstacles.UNTOUCHED) for name in new})
 
     @property
     def contacts(self) -> dict[str, obstacles.Contact]:
         """`contact` of all obstacles by name, and of the cable with itself under ITSELF."""
-        touching = self.scene.bodies if "contact" in self.needs else ()
-        found = {obstacle.name: self.contact(obstacle.name) for obstacle in touching}
-        if "self_contact" in self.needs:
-            tension = obstacles.tension_along(self.scene, self.cable)
-            found[obstacles.ITSELF] = self_contact.contact_with_itself(
-                self.cable, self.scene.cable.diameter, tension
-            )
-        return found
+        return self_contact.contacts_of(self.cable)
 
     def contact(self, name: str) -> obstacles.Contact:
         """What of the cable touches an obstacle now.
@@ -315,12 +336,8 @@ class Running:
         Raises:
             TypeError, ValueError: no obstacle that the cable can touch.
         """
-        self.body(name)
-        number = [o.name for o in self.scene.bodies].index(name)
-        tension = obstacles.tension_along(self.scene, self.cable)
-        body = self.scene.bodies[number]
-        pose = self.end_pose(name) if body.shape in obstacles.GUIDES else None
-        return obstacles.contact_with(self.cable, number, body, pose, tension)
+        number = self.touchable.index(arguments.one_of("obstacle", name, self.touchable))
+        return obstacles.contact_with(self.cable, number, obstacles.tension_along(self.cable))
 
     @property
     def touchable(self) -> tuple[str, ...]:
@@ -391,29 +408,25 @@ class Running:
 
     def hold(self, grasp: str, geometry: Geometry) -> None:
         """Hold the cable as a grasp does from now on; what that changes in energy is its work."""
-        geometries = self.held_with(grasp, geometry)
-        self.cable.settle(self.time)
-        before, held = self.cable.present_energy(), self.held_now[grasp].u
-        self.ends.hold(grasp, geometry)
-        if geometry.u is not None:
-            angle = self.curve.twist_at(geometry.u, self.cable.points)
-            number = list(self.scene.holders).index(grasp)
-            self.cable.count_twists(self.time, [(number, angle)])
-        self.activate(self.needs, geometries)
-        if geometry.u is None:
-            self.cable.part_strands(held)
-        self.cable.account.drive_work += self.cable.present_energy() - before
+        model, held = self.model_held(grasp, geometry), self.held_now[grasp].u
+        with self.cable.working(self.time):
+            self.ends.hold(grasp, geometry)
+            if geometry.u is not None:
+                angle = self.curve.twist_at(geometry.u, self.cable.points)
+                number = list(self.scene.holders).index(grasp)
+                self.cable.count_twists(self.time, [(number, angle)])
+            self.activate(model)
+            if geometry.u is None:
+                self.cable.part_strands(held)
 
-    def held_with(self, grasp: str, geometry: Geometry) -> Geometries:
-        """All that holds the cable, with a grasp like this.
+    def model_held(self, grasp: str, geometry: Geometry) -> Model:
+        """The constants with a grasp that holds the cable like this.
 
         Raises:
             SceneError: it holds what is held already.
         """
-        geometries = {**self.held_now, grasp: geometry}
-        model = self.model
-        holding_of(self.scene, geometries, model.knots, model.axes, model.twist)
-        return geometries
+        held = {**self.held_now, grasp: geometry}
+        return build_model(self.scene, self.needs, held, self.origin)
 
     def held_at(self, grasp: str) -> float | None:
         """Material coordinate [m] at which a grasp holds the cable now; None: it does not.
@@ -429,17 +442,15 @@ class Running:
     def snapshot(self) -> Snapshot:
         """The present state, from which `restore` continues bit for bit."""
         return Snapshot(
-            self.scene,
+            self.model,
+            self.needs,
+            self.choice,
             self.steps,
             self.remainder,
-            self.needs,
             self.cable.state.copy(),
             self.cable.inputs.copy(),
-            self.geometries,
-            self.origin,
-            self.step,
             dict(self.ends.queue.by_name),
-            dict(self.noticed.overlaps),
+            deepcopy(self.noticed),
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -451,23 +462,22 @@ class Running:
         arguments.instance("snapshot", snapshot, Snapshot, "from Simulator.snapshot")
         if snapshot.scene != replace(self.scene, added=snapshot.scene.added):
             raise ValueError("snapshot: is of another scene; restore it where it was taken")
-        self.steps = snapshot.steps
-        self.remainder = snapshot.remainder
-        known = snapshot.scene == self.scene and snapshot.geometries is self.geometries
-        if snapshot.needs != self.needs or not known:
-            self.scene, self.origin = snapshot.scene, snapshot.origin
-            self._take_model(snapshot.needs, snapshot.geometries)
-        self.needs = snapshot.needs  # equal needs may have different warnings
-        self.cable.state[:] = snapshot.state
-        self.cable.inputs[:] = snapshot.inputs
-        if self.noticed.fell and self.noticed.fell[0] > self.time:
-            self.noticed.fell = None
+        if snapshot.model is not self.model:
+            self.cable.allocate(snapshot.model)
+            self.hold_cable()
+        self.needs = snapshot.needs
+        self.steps, self.remainder = snapshot.steps, snapshot.remainder
+        self.cable.state[:], self.cable.inputs[:] = snapshot.state, snapshot.inputs
         self.ends.restored()
         self.ends.queue.by_name = dict(snapshot.waiting)
-        self.noticed.overlaps = dict(snapshot.overlaps)
-        if snapshot.step != self.step:  # of explicit steps, chosen in another shape
-            self.choice = replace(self.choice, step=snapshot.step)
-            self.stepper = Stepper(self.scene, self.cable, self.choice.method, self.step)
+        self.noticed = deepcopy(snapshot.noticed)
+        if snapshot.choice != self.choice:  # of explicit steps, chosen in another shape
+            self.step_by(snapshot.choice)
+
+    def step_by(self, choice: Choice) -> None:
+        """Use this method and step from now on."""
+        self.choice = choice
+        self.stepper = Stepper(self.cable, choice.method, choice.step)
 
     def reset(self) -> None:
         """Go back to the initial state."""
@@ -489,7 +499,7 @@ class Running:
             self.lay_natural_shape()
         shifted = np.abs(self.cable.points - given).max()
         self.give_way(let_be=math.inf)
-        self.cable.open_account(self.scene)
+        self.cable.open_account()
         if not math.isfinite(self.cable.account.energy_start):
             self.restore(before)
             raise ValueError("control points: have no finite energy; neighbours must not coincide")
@@ -542,36 +552,22 @@ class Running:
         cable.account.load_work += work
         return float(work)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """A copy is not followed."""
-        return self.__dict__ | {"follower": None}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Connect the end effectors of a copy to the copy's own arrays."""
-        self.__dict__.update(state)
-        self.ends.live_in(self.cable.motion)
-
     # -- model ------------------------------------------------------------------------------------
 
-    def activate(self, needs: Needs, geometries: Geometries) -> None:
-        """Go on with other needs or grasps from the present state."""
+    def activate(self, model: Model) -> None:
+        """Go on with other terms, grasps or added obstacles from the present state."""
         cable, points, rates = self.cable, self.cable.points, self.velocities
         pulled = dict(zip(self.model.spring_places, cable.anchors.tolist(), strict=True))
         in_material_frame = self.model.has(MATERIAL)
-        self._take_model(needs, geometries)
+        self.needs = model.needs
+        cable.activate(model)
+        self.hold_cable()
         for k, held in enumerate(self.model.spring_places):
             cable.anchors[k] = pulled.get(held, cable.anchors[k])
         cable.put(points, rates)
         if self.model.has(MATERIAL) and not in_material_frame:
             self.lay_natural_shape()
         cable.flow()
-
-    def _take_model(self, needs: Needs, geometries: Geometries) -> None:
-        """Make the model that of these needs and of what holds the cable."""
-        self.needs, self.geometries = needs, geometries
-        self.cable.activate(build_model(self.scene, needs, geometries, origin=self.origin))
-        self.hold_cable()
-        self.shape_naturally()
 
     def put_held(self, points: Array, t: float) -> None:
         """Write what the ends prescribe at time t to control points; twist counts from there."""
@@ -580,16 +576,14 @@ class Running:
         self.cable.count_twists(t, enumerate(twists))
 
     def hold_cable(self) -> None:
-        """Let the end effectors and grasps hold the cable where they are now."""
+        """Let the end effectors and grasps hold the cable where they are now, with the natural
+        shape of the scene.
+        """
         self.ends.live_in(self.cable.motion)
         self.ends.pull_springs(self.cable, self.time)
         self.cable.point_grasps(self.time if self.steps else 0.0)
         self.cable.place_obstacles(self.time)
-
-    def shape_naturally(self) -> None:
-        """Write the natural shape of the scene to the arrays, turned with the start."""
-        tangent = self.geometries["start"].tangent
-        self.natural = NaturalShape(self.scene, self.cable, tangent, self.start_orientation)
+        self.natural = NaturalShape(self.cable, self.start_orientation)
 
     def turn_natural_shape(self) -> None:
         """Turn the natural shape with the start's end effector, which does the work."""

@@ -31,7 +31,8 @@ class Choice:
     """Method and step of a run, and one line that says why.
 
     limit: largest stable step [s] of the linearised scene, inf for an implicit method; frequency:
-    its largest frequency [rad/s], as given to `choose`.
+    its largest frequency [rad/s], as given to `choose`. resolution: how many control points it has,
+    and why, one line.
     """
 
     method: Method
@@ -39,6 +40,7 @@ class Choice:
     reason: str
     limit: float
     frequency: float
+    resolution: str = ""
 
 
 def choose(scene: Scene, frequency: float, unchecked_step: bool = False) -> Choice:
@@ -51,21 +53,17 @@ def choose(scene: Scene, frequency: float, unchecked_step: bool = False) -> Choi
         SceneError: unknown method, a method that is not valid with the scene's damping, or a step
             beyond the method's stability limit.
     """
-    name = scene.integrator.method
+    method, reason = method_of(scene)
     step = scene.integrator.step
-    reason = "as the scene asks"
-    if name == "auto":
-        name, reason = _automatic(scene)
-    method = _method(scene, name)
     limit = _step_limit(scene, method, frequency)
     if step == 0.0:
         step, why = _chosen_step(scene, method, limit)
         reason += f"; {why}"
     elif step > limit and not unchecked_step:
         raise SceneError(
-            f"integrator.step: {step:g} s exceeds the stability limit {limit:.4g} s of {name} "
-            f"(largest frequency {frequency:.4g} rad/s); lower it, set it to 0, or use "
-            f"energy_momentum"
+            f"integrator.step: {step:g} s exceeds the stability limit {limit:.4g} s of "
+            f"{method.name} (largest frequency {frequency:.4g} rad/s); lower it, set it to 0, or "
+            "use energy_momentum"
         )
     return Choice(method, float(step), reason, float(limit), frequency)
 
@@ -77,7 +75,7 @@ def less_work(scene: Scene, taken: Choice) -> Choice | None:
     """
     try:
         free = scene.with_values({"integrator.method": "auto", "integrator.step": 0.0})
-        if not taken.frequency and not is_implicit(free):
+        if not taken.frequency and method_of(free)[0].family != IMPLICIT:
             return None
         other = choose(free, taken.frequency)
     except SceneError:
@@ -90,27 +88,6 @@ def _work(choice: Choice) -> float:
     method = choice.method
     each = method.force_evaluations or IMPLICIT_EVALUATIONS * len(method.substeps)
     return each / choice.step
-
-
-def check_named_method(scene: Scene) -> None:
-    """Refuse a method that the scene names and cannot have, before anything is compiled.
-
-    Raises:
-        SceneError: as `choose`.
-    """
-    name = scene.integrator.method
-    if name == "auto":
-        return
-    if name == "generalized_alpha":
-        raise SceneError(
-            f"integrator.method: '{name}' is no longer available; use energy_momentum, which "
-            "conserves the energy at any step"
-        )
-    if name not in METHODS:
-        raise SceneError(
-            f"integrator.method: '{name}' is not a method; use one of {', '.join(METHODS)} or auto"
-        )
-    _method(scene, name)
 
 
 def _chosen_step(scene: Scene, method: Method, limit: float) -> tuple[float, str]:
@@ -168,8 +145,24 @@ def _following(acceleration: float, target: float, method: Method) -> tuple[floa
     return float(phase / fastest), float(fastest)
 
 
-def _method(scene: Scene, name: str) -> Method:
-    """The method of this name; refused if it is not for the scene."""
+def method_of(scene: Scene) -> tuple[Method, str]:
+    """The method of a scene, and why.
+
+    Raises:
+        SceneError: unknown, or not valid with the scene.
+    """
+    name, reason = scene.integrator.method, "as the scene asks"
+    if name == "auto":
+        name, reason = _automatic(scene)
+    if name == "generalized_alpha":
+        raise SceneError(
+            f"integrator.method: '{name}' is no longer available; use energy_momentum, which "
+            "conserves the energy at any step"
+        )
+    if name not in METHODS:
+        raise SceneError(
+            f"integrator.method: '{name}' is not a method; use one of {', '.join(METHODS)} or auto"
+        )
     asked = restrictions_of(scene)
     fitting = [one for one in METHODS if all(one in each.methods for each in asked)]
     if not fitting:
@@ -186,7 +179,7 @@ def _method(scene: Scene, name: str) -> Method:
             raise SceneError(
                 f"integrator.method: {name} is not valid with {one.asked(scene)}{one.why}; {cure}"
             )
-    return METHODS[name]
+    return METHODS[name], reason
 
 
 def _step_limit(scene: Scene, method: Method, frequency: float) -> float:
@@ -211,13 +204,6 @@ def _automatic(scene: Scene) -> tuple[str, str]:
     if composable and _cost(scene, fourth) < WORTH_COMPOSING * _cost(scene, second):
         return fourth.name, f"accuracy.target {scene.accuracy.target:g} m wants order 4"
     return second.name, "implicit: any step is stable"
-
-
-def is_implicit(scene: Scene) -> bool:
-    """Whether the scene's method is implicit."""
-    name = scene.integrator.method
-    name = _automatic(scene)[0] if name == "auto" else name
-    return name in METHODS and METHODS[name].family == IMPLICIT
 
 
 def _cost(scene: Scene, method: Method) -> float:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numba import float64
 from numpy.typing import NDArray
 
+from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, ARRAY_3D, inline, kernel
 from dlo_sim.core import bspline
-from dlo_sim.engine.arrays import SELF, CableArrays
+from dlo_sim.core.bspline import ACTIVE
+from dlo_sim.engine.arrays import CONTACT, SELF
 from dlo_sim.engine.contact import RETURN
 from dlo_sim.engine.self_contact import LONGEST
 from dlo_sim.scene.description import EARTH, Scene
@@ -19,7 +21,14 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.obstacles import Contact, tensions_beside, values_of_spans
+from dlo_sim.simulation.obstacles import (
+    ITSELF,
+    Contact,
+    contact_with,
+    tension_along,
+    tensions_beside,
+    values_of_spans,
+)
 
 Array = NDArray[np.float64]
 SEGMENT = 0.5  # length of a segment in diameters, of the longest span
@@ -52,10 +61,10 @@ def stiffness(scene: Scene, segment: float) -> float:
     return max(hung, thrown)
 
 
-def fill(scene: Scene, arrays: CableArrays, knots: Array) -> None:
+def fill(model: Model) -> None:
     """Constants of the contact of the cable of a scene with itself."""
-    chain, diameter = arrays.chain, scene.cable.diameter
-    chain.segments = count = arrays.sizes["segments"]
+    scene, chain, knots = model.scene, model.arrays.chain, model.knots
+    diameter, count = scene.cable.diameter, chain.segments
     ends = bspline.breaks(knots)
     lengths = np.diff(ends)
     xi = np.tile(2.0 * np.arange(count + 1) / count - 1.0, (len(lengths), 1))
@@ -72,12 +81,9 @@ def fill(scene: Scene, arrays: CableArrays, knots: Array) -> None:
 EVERY = 0.01  # [s] between two looks
 STRAIGHT = 0.7  # of the length between two places, above which their distance says nothing
 TURNED = 0.5  # cosine by which the cable has to turn between two spans that are compared
-PLACES = 9  # of a span, that are compared before the nearest is refined
-TRIED = 8  # nearest pairs of spans that are refined
-# Shortest edges by which control points may move until all is looked at again: the cable has to
-# turn by 60 degrees before spans are compared, and by 180 before they touch.
-MOVED = 1.0
-_XI = np.linspace(-1.0, 1.0, PLACES)
+PLACES = 9  # of each of two spans, that are compared at a time
+CLOSER = 3.0  # times as close are the places that are compared next
+FOUND = 0.01  # diameters between neighbouring places, where the search ends
 DEEP = 0.5  # diameters, inside itself, in which no cable may be held when it begins
 PRESSED = 0.01  # diameters that strands are inside each other, above which a warning reports it
 
@@ -87,124 +93,114 @@ class Nearest(NamedTuple):
 
     Attributes:
         clearance: gap between the surfaces [m], negative where they overlap. u: material
-            coordinates of both places [m]. room: by which control points may move along an axis
-            [m] until strands can overlap; not above 0 if they do.
+            coordinates of both places [m].
     """
 
     clearance: float
     u: tuple[float, float]
-    room: float = 0.0
 
 
-class _Spans(NamedTuple):
-    """Of the spans of a cable: powers of xi by control point, shape (spans, 4, 4), both ends [m],
-    numbers of their control points, shape (spans, 4), rest lengths of the edges between control
-    points [m], those that are as long as spans, entries below the diagonal of a matrix of edges,
-    and of one of spans those that are far enough apart along the cable to touch.
-    """
-
-    polynomials: Array
-    ends: Array
-    points: NDArray[np.int64]
-    rest: Array
-    whole: slice
-    below: NDArray[np.bool_]
-    far: NDArray[np.bool_]
-
-
-@lru_cache(maxsize=8)
-def _spans(knots: bytes, apart: float) -> _Spans:
-    vector = np.frombuffer(knots)
-    ends = bspline.breaks(vector)
-    sides = np.stack((ends[:-1], ends[1:]), axis=1)
-    rest = (vector[4:-1] - vector[1:-4]) / 3.0
-    below = np.tri(len(rest), k=-1, dtype=bool)
-    far = np.triu(ends[1:] - ends[:-1, None] > apart)
-    number = np.arange(len(sides))[:, None] + np.arange(bspline.ACTIVE)
-    whole = slice(2, -2) if len(rest) > 4 else slice(None)  # edges at clamped ends are shorter
-    return _Spans(bspline.span_polynomials(vector), sides, number, rest, whole, below, far)
-
-
-_POWERS = _XI[:, None] ** np.arange(bspline.ACTIVE)
-
-
-def nearest(model: Model, points: Array, diameter: float, limit: float = math.inf) -> Nearest:
+def nearest(model: Model, points: Array, limit: float = math.inf) -> Nearest:
     """Where a cable at control points (n, 3 or 4) is nearest to itself, to a hundredth of its
     diameter, but for neighbouring places and those with a nearly straight cable between them;
     infinitely far if there are no others, or if all clearances exceed `limit`.
     """
-    apart = APART * diameter
-    spans = _spans(model.knots.tobytes(), apart)
-    ends, nowhere = spans.ends, (0.0, float(spans.ends[-1, 1]))
-    edges = points[1:, :3] - points[:-1, :3]
-    chord = points[-1, :3] - points[0, :3]
-    # The tangent is a mean of edges over their rest lengths: where all of these advance along the
-    # chord, no two places are nearer than STRAIGHT of what is between them. Found in 10 us, not 30.
-    if (edges @ chord > STRAIGHT * math.sqrt(chord @ chord) * spans.rest).all():
-        room = MOVED * float(spans.rest[spans.whole].min()) / math.sqrt(3.0)
-        return Nearest(math.inf, nowhere, room)
-    lengths = np.sqrt(np.einsum("kd,kd->k", edges, edges)) + 1e-300
-    edges /= lengths[:, None]
-    # Of every edge the least cosine to those from it on: what turns less advances along it.
-    cosines = edges @ edges.T
-    cosines[spans.below] = 1.0
-    np.minimum.accumulate(cosines, axis=1, out=cosines)
-    hulls = points[:, :3].take(spans.points, axis=0)
-    middle = 0.25 * np.einsum("skd->sd", hulls)
-    from_middle = hulls - middle[:, None]
-    size = np.sqrt(np.einsum("skd,skd->sk", from_middle, from_middle).max(axis=1))
-    squares = np.einsum("sd,sd->s", middle, middle)
-    between = squares[:, None] + squares - 2.0 * (middle @ middle.T)
-    gaps = np.sqrt(np.maximum(between, 0.0)) - size[:, None] - size
-    gaps[(cosines[:-2, 2:] >= TURNED) | ~spans.far] = math.inf
-    possible = gaps < limit + diameter
-    others = float(gaps[~possible].min(initial=math.inf)) - diameter
-
-    def room_for(clearance: float) -> float:
-        longest = MOVED * float(lengths[spans.whole].min())
-        return min(0.5 * clearance, 0.5 * others, longest) / math.sqrt(3.0)
-
-    first, second = np.nonzero(possible)
-    if not len(first):
-        return Nearest(math.inf, nowhere, room_for(math.inf))
-    shapes = np.einsum("skp,skd->spd", spans.polynomials, hulls)
-    line, u = _POWERS @ shapes, 0.5 * (ends @ np.stack((1.0 - _XI, 1.0 + _XI)))
-    far = _distances(line[first], line[second], u[first], u[second], apart)
-    # Two thirds of the search are the refinement; it moves both places by less than their spacing.
-    spacing = 2.0 * float((ends[:, 1] - ends[:, 0]).max()) / (PLACES - 1)  # stretched to twice
-    if far.min() == math.inf or far.min() > (limit + diameter + spacing) ** 2:
-        return Nearest(math.inf, nowhere, room_for(limit))
-    tried = np.argsort(far.min(axis=(1, 2)))[:TRIED]
-    both, step = np.stack((first[tried], second[tried])), 2.0 / (PLACES - 1)
-    far = far[tried]
-    best = _XI[np.stack(_least(far))]
-    while step * (ends[both[0], 1] - ends[both[0], 0]).max() > 0.02 * diameter:
-        xi = np.clip(best[..., None] + np.linspace(-step, step, PLACES), -1.0, 1.0)
-        lines = (xi[..., None] ** np.arange(bspline.ACTIVE)) @ shapes[both]
-        at = 0.5 * (ends[both, :1] * (1.0 - xi) + ends[both, 1:] * (1.0 + xi))
-        far = _distances(lines[0], lines[1], at[0], at[1], apart)
-        best = np.take_along_axis(xi, np.stack(_least(far))[..., None], axis=2)[..., 0]
-        step /= 3.0
-    k = int(np.argmin(far.min(axis=(1, 2))))
-    shares = 0.5 * (1.0 + best[:, k])
-    places = ends[both[:, k], 0] * (1.0 - shares) + ends[both[:, k], 1] * shares
-    clearance = math.sqrt(far[k].min()) - diameter
-    return Nearest(clearance, (float(places[0]), float(places[1])), room_for(clearance))
+    diameter, ends = model.scene.cable.diameter, bspline.breaks(model.knots)
+    place, shapes = np.ascontiguousarray(points[:, :3]), bspline.span_polynomials(model.knots)
+    far, u, v = nearest_places(place, shapes.copy(), ends, diameter, limit + diameter)
+    clearance = far - diameter
+    return Nearest(clearance if clearance <= limit else math.inf, (u, v))
 
 
-def _least(far: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Row and column of the smallest entry of each of these matrices (k, p, p)."""
-    return np.divmod(far.reshape(len(far), -1).argmin(axis=1), far.shape[2])
+@kernel((float64, float64, float64), ARRAY_2D, ARRAY_3D, ARRAY, float64, float64)
+def nearest_places(
+    points: Array, polynomials: Array, ends: Array, diameter: float, most: float
+) -> tuple[float, float, float]:
+    """Distance of the nearest places and their material coordinates [m]; places that are further
+    than `most` from each other may be left out.
 
-
-def _distances(one: Array, other: Array, u: Array, v: Array, apart: float) -> Array:
-    """Squared distances of places (k, p, 3) at coordinates u, v (k, p), shape (k, p, p); infinite
-    where these are nearer than `apart`, or the cable between them is nearly straight.
+    Args:
+        polynomials: powers of xi by control point, shape (spans, 4, 4). ends: of the spans.
     """
-    squares = np.sum(one * one, axis=2)[:, :, None] + np.sum(other * other, axis=2)[:, None]
-    far = np.maximum(squares - 2.0 * one @ np.swapaxes(other, 1, 2), 0.0)
-    between = np.abs(u[:, :, None] - v[:, None])
-    return np.where((between < apart) | (far > (STRAIGHT * between) ** 2), math.inf, far)
+    spans = len(ends) - 1
+    shapes, edges = np.zeros((spans, ACTIVE, 3)), np.empty((spans + 2, 3))
+    middle, size = np.zeros((spans, 3)), np.zeros(spans)
+    for i in range(spans + 2):
+        square = 0.0
+        for d in range(3):
+            edges[i, d] = points[i + 1, d] - points[i, d]
+            square += edges[i, d] ** 2
+        edges[i] /= np.sqrt(square) + 1e-300
+    for s in range(spans):
+        for k in range(ACTIVE):
+            for d in range(3):
+                middle[s, d] += 0.25 * points[s + k, d]
+                for p in range(ACTIVE):
+                    shapes[s, p, d] += polynomials[s, k, p] * points[s + k, d]
+        for k in range(ACTIVE):
+            size[s] = max(size[s], apart_by(points[s + k], middle[s]))
+    least, u, v = np.inf, 0.0, ends[-1]
+    for i in range(spans):
+        turned = 1.0  # the least cosine of an edge of those from here on to the first
+        for j in range(i, spans):
+            for c in (j, j + 1, j + 2):
+                cosine = 0.0
+                for d in range(3):
+                    cosine += edges[i, d] * edges[c, d]
+                turned = min(turned, cosine)
+            if turned >= TURNED or ends[j + 1] - ends[i] <= APART * diameter:
+                continue
+            if apart_by(middle[i], middle[j]) - size[i] - size[j] >= min(least, most):
+                continue
+            long = max(ends[i + 1] - ends[i], ends[j + 1] - ends[j])
+            best, a, b, width = 0.0, 0.0, 0.0, 1.0
+            while True:
+                best, a, b = closest(shapes, ends, i, j, a, b, width, APART * diameter)
+                spacing = width * long / (PLACES - 1)
+                # Both may be nearer by their spacing, of a cable stretched to twice its length.
+                if best == np.inf or best > min(least, most) + 2.0 * spacing:
+                    break
+                if spacing <= FOUND * diameter:
+                    break
+                width /= CLOSER
+            if best < least:
+                least = best
+                u = ends[i] + 0.5 * (1.0 + a) * (ends[i + 1] - ends[i])
+                v = ends[j] + 0.5 * (1.0 + b) * (ends[j + 1] - ends[j])
+    return least, u, v
+
+
+@inline
+def apart_by(a: Array, b: Array) -> float:
+    """Distance of two points (3,)."""
+    return float(np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2))
+
+
+@inline
+def closest(
+    shapes: Array, ends: Array, i: int, j: int, a: float, b: float, width: float, apart: float
+) -> tuple[float, float, float]:
+    """Distance and local coordinates of the nearest of PLACES of each of two spans, near a and b;
+    infinite where all are nearer than `apart` along the cable, or it is nearly straight there.
+    """
+    there, u = np.empty((2, PLACES, 3)), np.empty((2, PLACES))
+    xi = np.empty((2, PLACES))
+    for side in range(2):
+        s, middle = (i, a) if side == 0 else (j, b)
+        for k in range(PLACES):
+            x = min(max(middle + width * (2.0 * k / (PLACES - 1) - 1.0), -1.0), 1.0)
+            xi[side, k], u[side, k] = x, ends[s] + 0.5 * (1.0 + x) * (ends[s + 1] - ends[s])
+            for d in range(3):
+                c = shapes[s, :, d]
+                there[side, k, d] = c[0] + x * (c[1] + x * (c[2] + x * c[3]))
+    least, one, other = np.inf, 0.0, 0.0
+    for k in range(PLACES):
+        for m in range(PLACES):
+            between = abs(u[1, m] - u[0, k])
+            far = apart_by(there[0, k], there[1, m])
+            if apart <= between and far <= STRAIGHT * between and far < least:
+                least, one, other = far, xi[0, k], xi[1, m]
+    return least, one, other
 
 
 class Watch:
@@ -218,21 +214,17 @@ class Watch:
         self.looks = self.close = 0
         self.since = -math.inf  # time of the last look [s]
         self.first = 0.0  # time at which it was close first [s]
-        self._seen, self._room = np.zeros((0, 0)), 0.0  # control points of a look, and its `room`
         self.least = Nearest(math.inf, (0.0, 0.0))
 
-    def look(self, model: Model, x: Array, diameter: float, time: float) -> None:
+    def look(self, model: Model, x: Array, time: float) -> None:
         """Look at control points, a line of shape (n,) by axis of the motion, if it is time to."""
         if time < self.since + EVERY:
             return
         self.since = time
         self.looks += 1
-        if self._seen.shape == x.shape and np.abs(x - self._seen).max() < self._room:
-            return
         points = np.zeros((model.n, 3))
         points[:, : len(x)] = x.T
-        found = nearest(model, points, diameter, limit=diameter)  # so that `room` is not tiny
-        self._seen, self._room = x.copy(), found.room
+        found = nearest(model, points, limit=0.0)
         if found.clearance < 0.0:
             self.first = self.first if self.close else time
             self.close += 1
@@ -244,7 +236,7 @@ class Watch:
         """One line if it was, else empty."""
         if not self.close:
             return ""
-        least, (a, b), _ = self.least
+        least, (a, b) = self.least
         return (
             "contact.self_contact: off, so the cable passes through itself: "
             f"first at {self.first:.3g} s, in {self.close} of {self.looks} looks, up to "
@@ -252,7 +244,7 @@ class Watch:
         )
 
 
-def warnings(scene: Scene, cable: Cable, found: Contact | None, finer: str) -> Iterator[str]:
+def warnings(cable: Cable, found: Contact | None, finer: str) -> Iterator[str]:
     """Lines about what the contact of a cable with itself cannot bear.
 
     Args:
@@ -261,7 +253,7 @@ def warnings(scene: Scene, cable: Cable, found: Contact | None, finer: str) -> I
     """
     if found is None:
         return
-    account, diameter = cable.account, scene.cable.diameter
+    account, diameter = cable.account, cable.model.scene.cable.diameter
     lines = []
     if account.crossed:
         lines.append(f"it passed through itself in {account.crossed:.0f} steps")
@@ -271,7 +263,7 @@ def warnings(scene: Scene, cable: Cable, found: Contact | None, finer: str) -> I
         yield f"contact.self_contact: {' and '.join(lines)}; use a smaller integrator.step"
     segment = float(cable.arrays.chain.length.max())
     if segment > LONGEST * diameter:
-        spans = (scene.discretization.control_points - bspline.DEGREE) * segment
+        spans = (cable.model.n - bspline.DEGREE) * segment
         needed = math.ceil(spans / (LONGEST * diameter)) + bspline.DEGREE
         yield (
             f"contact.self_contact: its segments of {segment:.2g} m are coarse for a diameter of "
@@ -295,7 +287,7 @@ def warnings(scene: Scene, cable: Cable, found: Contact | None, finer: str) -> I
         )
 
 
-def check_start(scene: Scene, cable: Cable, held: Sequence[float]) -> None:
+def check_start(cable: Cable, held: Sequence[float]) -> None:
     """Refuse a cable that begins inside itself where it is held, and so cannot be pushed out.
 
     Args:
@@ -304,10 +296,10 @@ def check_start(scene: Scene, cable: Cable, held: Sequence[float]) -> None:
     Raises:
         SceneError: naming the key and the cure.
     """
-    diameter = scene.cable.diameter
+    diameter = cable.model.scene.cable.diameter
     if not (cable.model.has(SELF) and len(held)):
         return
-    found = nearest(cable.model, cable.points, diameter)
+    found = nearest(cable.model, cable.points)
     away = max(float(np.abs(np.array(held) - u).min()) for u in found.u)
     if found.clearance < -DEEP * diameter and away < APART * diameter:
         raise SceneError(
@@ -317,9 +309,17 @@ def check_start(scene: Scene, cable: Cable, held: Sequence[float]) -> None:
         )
 
 
-def contact_with_itself(
-    cable: Cable, diameter: float, tension: Callable[[Array], Array] | None
-) -> Contact:
+def contacts_of(cable: Cable) -> dict[str, Contact]:
+    """What of a cable touches now: each obstacle by name, and itself under ITSELF, with which it
+    may be in contact.
+    """
+    model, tension = cable.model, tension_along(cable)
+    bodies = model.scene.bodies if model.has(CONTACT) else ()
+    found = {one.name: contact_with(cable, k, tension) for k, one in enumerate(bodies)}
+    return found | ({ITSELF: _with_itself(cable, tension)} if model.has(SELF) else {})
+
+
+def _with_itself(cable: Cable, tension: Callable[[Array], Array] | None) -> Contact:
     """Where a cable touches itself at the present configuration, each place on the first of the two
     strands. `force` is half the sum of the sizes of all forces, in no direction: those on both
     strands cancel. The friction is that of the bristles, without their damping. tension: as for
@@ -332,7 +332,7 @@ def contact_with_itself(
     points = bspline.evaluate(cable.points[:, :3], model.knots, u) + model.origin
     sizes = np.linalg.norm(forces, axis=1)
     return Contact(
-        clearance=nearest(model, cable.points, diameter).clearance,
+        clearance=nearest(model, cable.points).clearance,
         force=np.zeros(3),
         pressure=float((sizes / np.maximum(rows[:, 1], 1e-300)).max(initial=0.0)),
         u=u,

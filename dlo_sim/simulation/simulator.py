@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Mapping
-from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -18,28 +17,30 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline, rotations
 from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.core.strain import strain
 from dlo_sim.engine.grasps import ACTIVE, DURATION, START
 from dlo_sim.scene.description import EARTH, Obstacle, Scene, check_added
 from dlo_sim.scene.needs import check_terms, inextensible, needs_of, with_load
+from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation import following, obstacles, remarks, self_contact
 from dlo_sim.simulation.bodies import write
+from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.ends import NEAR, apart
 from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, checked_times, shape_times
 from dlo_sim.simulation.frequency import largest_frequency
-from dlo_sim.simulation.geometry import Pose, geometries_of, known_holder, moved
+from dlo_sim.simulation.geometry import Pose, geometries_of, known_holder, moved, origin_of
 from dlo_sim.simulation.going_on import load_ahead, take_over
 from dlo_sim.simulation.play import stretch
 from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Slide
 from dlo_sim.simulation.resolution import continued, resolved
-from dlo_sim.simulation.running import Running, Snapshot
-from dlo_sim.simulation.selection import check_named_method, choose, is_implicit
+from dlo_sim.simulation.running import Running
+from dlo_sim.simulation.selection import choose, method_of
 from dlo_sim.simulation.soundness import sound_now
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.statics import FirstShape
-from dlo_sim.simulation.stepper import Stepper
 from dlo_sim.simulation.timeline import recorded
 
 Array = NDArray[np.float64]
@@ -51,17 +52,18 @@ class Simulator(Running):
 
     Attributes:
         scene: with the number of control points and the knots that were chosen where it left them
-            open; resolution: why, one line. choice: method, step and the reason for them. cable:
-            the arrays. follower: repeats every change (`timeline.recorded`), or None.
+            open. choice: method, step and the reason for them. cable: the arrays. follower: repeats
+            every change (`timeline.recorded`), or None.
 
     Args:
         scene: what to simulate, from `dlo_sim.load_scene`.
         end_poses: poses of end effectors and obstacles at time 0, {"start": (position [m] (3,),
             quaternion x, y, z, w (4,)), ...}; the others have the poses of the scene.
         unchecked_step: use integrator.step even above the stability limit (to study stability).
-        continues: `take_over` or `restore` follows, so no first shape is looked for, nor refused.
         near: another simulator; of several equilibria the cable begins in that nearest to its
             present shape, so that a finer run of the same scene begins as it did.
+        before: another simulator whose state this one will `take_over`, so that no first shape is
+            looked for, nor refused.
 
     For an argument of a wrong type or value, every method raises a TypeError or ValueError of one
     line that names the cure, and leaves the state unchanged.
@@ -70,45 +72,48 @@ class Simulator(Running):
         SceneError: a scene that cannot be simulated, in one line.
     """
 
+    compile_seconds = 0.0
+
     def __init__(
         self,
         scene: Scene,
         end_poses: Mapping[str, Pose] | None = None,
         *,
         unchecked_step: bool = False,
-        continues: bool = False,
         near: Simulator | None = None,
+        before: Simulator | None = None,
     ) -> None:
         arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
-        scene, self.resolution = resolved(scene)
-        needs = needs_of(scene, continues)
+        scene, resolution = resolved(scene)
+        needs = needs_of(scene, before is not None)
         check_terms(scene, needs)
-        check_named_method(scene)
+        implicit = method_of(scene)[0].family == IMPLICIT
         bodies = {one.name for one in scene.bodies}
         given = {} if end_poses is None else end_poses
         poses = given
         if isinstance(given, Mapping):  # else `geometries_of` refuses it
             poses = {name: pose for name, pose in given.items() if name not in bodies}
-        super().__init__(scene, needs, geometries_of(scene, poses))
+        held = geometries_of(scene, poses, before.geometries if before else None)
+        origin = origin_of(held)
+        super().__init__(build_model(scene, needs, moved(held, -origin), origin))
         for name in bodies & set(given):
             self.move_obstacle(name, EndMotion.resting(*given[name]))
-        self.hold_cable()
-        self.shape_naturally()
+        self.cable.place_obstacles(0.0)
         lay = self.lay_unslipped if self.natural.follows else None
         shape = self.cable.shape_of(near.cable, near.time)[0] if near else None
-        first = FirstShape(scene, self.geometries, self.ends, self.cable, lay)
-        resting = first.place(shape, continues)
-        if not continues:
-            held = [one.u for one in self.geometries.values() if one.u is not None]
-            self_contact.check_start(scene, self.cable, held)
-        frequency = 0.0 if is_implicit(scene) else largest_frequency(scene, self.cable)
-        self.choice = choose(scene, frequency, unchecked_step)
-        self.stepper = Stepper(scene, self.cable, self.choice.method, self.choice.step)
-        if not given and not continues:
+        first = FirstShape(self.ends, self.cable, lay)
+        resting = first.place(shape, before is not None)
+        if not before:
+            places = [one.u for one in self.geometries.values() if one.u is not None]
+            self_contact.check_start(self.cable, places)
+        frequency = 0.0 if implicit else largest_frequency(scene, self.cable)
+        choice = choose(scene, frequency, unchecked_step)
+        self.step_by(replace(choice, resolution=resolution))
+        if not given and not before:
             remarks.look_at_start(self)
         if not resting:
             self.give_way(let_be=LIGHT * scene.cable.mu * EARTH)
-        self.cable.open_account(self.scene)
+        self.cable.open_account()
         started = time.perf_counter()
         self.stepper.advance(0, 0)  # no tick must have to compile this or the next line
         sound_now(self.cable, self.ends, 0.0)
@@ -117,25 +122,12 @@ class Simulator(Running):
         load_ahead(self)
         self.compile_seconds = time.perf_counter() - started
 
-    @classmethod
-    def resumed(cls, snapshot: Snapshot) -> Simulator:
-        """A simulator that goes on from a snapshot of another process, whatever has happened since
-        the start to what holds the cable; its scene is that of the snapshot without added
-        obstacles.
-
-        Raises:
-            TypeError: not a snapshot. ValueError: its numbers are none of a cable.
-        """
-        arguments.instance("snapshot", snapshot, Snapshot, "from Simulator.snapshot")
-        held = moved(snapshot.geometries, snapshot.origin)
-        poses = {name: (one.position, one.orientation) for name, one in held.items()}
-        found = cls(replace(snapshot.scene, added=()), poses, unchecked_step=True, continues=True)
-        found.restore(snapshot)
-        if not (found.cable.indices_fit and math.isfinite(found.cable.present_energy())):
-            raise ValueError("snapshot: its numbers do not fit; give one of Simulator.snapshot")
-        return found
-
     # -- what it is -------------------------------------------------------------------------------
+
+    @property
+    def resolution(self) -> str:
+        """How many control points it has, and why, one line."""
+        return self.choice.resolution
 
     @property
     def method(self) -> str:
@@ -177,8 +169,7 @@ class Simulator(Running):
         """Smallest gap [m] between strands of the cable, negative where they overlap; infinite if
         it is nearly straight.
         """
-        found = self_contact.nearest(self.model, self.cable.points, self.scene.cable.diameter)
-        return found.clearance
+        return self_contact.nearest(self.model, self.cable.points).clearance
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -335,7 +326,7 @@ class Simulator(Running):
         Raises:
             TypeError, ValueError: as `follow`, or a plan that does not begin at the present poses.
         """
-        future = deepcopy(self)
+        future = self.resumed(self.snapshot(), self.initial)
         times = checked_times(plan)
         given, count = plan.poses.items(), len(times)
         poses = {name: following.checked_path(self, name, rows, count) for name, rows in given}
@@ -350,7 +341,7 @@ class Simulator(Running):
         samples, now = shape_times(times, every), self.time
         at = np.minimum(now + samples, now + times[-1])
         report, recorder = future.record_along(now + times, poses, at)
-        count, shapes = recorder.count, recorder.along(self.scene)
+        count, shapes = recorder.count, recorder.along()
         drawn = remarks.look_back(future, recorder, samples[:count])
         points = recorder.control_points
         told = future.warnings, future.control_points_needed
@@ -433,12 +424,10 @@ class Simulator(Running):
         """
         motion = EndMotion.resting(position, orientation, self.time)
         kept = {one: found for one, found in self.pressures.items() if one == name}
-        self.cable.settle(self.time)
-        before = self.cable.present_energy()
-        self.move_obstacle(name, motion)
-        self.cable.place_obstacles(self.time)
-        self.give_way(kept, obstacles.Overlap.JUMPED)
-        self.cable.account.drive_work += self.cable.present_energy() - before
+        with self.cable.working(self.time):
+            self.move_obstacle(name, motion)
+            self.cable.place_obstacles(self.time)
+            self.give_way(kept, obstacles.Overlap.JUMPED)
 
     @recorded
     def move_obstacle(self, name: str, motion: EndMotion) -> None:
@@ -486,7 +475,8 @@ class Simulator(Running):
         """
         diameter, length = self.scene.cable.diameter, self.scene.cable.length
         u = np.linspace(0.0, length, obstacles.PLACES)
-        obstacles.check_outside(obstacle, diameter, u, self.centerline(u))
+        if wrong := obstacles.inside(obstacle, diameter, u, self.centerline(u)):
+            raise SceneError(f"{wrong}; move the obstacle or the cable's ends")
 
     def remove_obstacles(self, names: Iterable[str]) -> None:
         """Remove obstacles that `add_obstacles` added; what that takes away is their work.
@@ -537,7 +527,7 @@ class Simulator(Running):
         Raises:
             TypeError, ValueError: as `take`.
         """
-        self.held_with(grasp, self.geometry_taken(grasp, at))
+        self.model_held(grasp, self.geometry_taken(grasp, at))
 
     @recorded
     def release(self, grasp: str) -> None:
@@ -623,7 +613,7 @@ class Simulator(Running):
             ValueError: the scene cannot be simulated, or the state has no finite energy in it.
         """
         arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
-        scene, resolution = resolved(continued(scene, self.scene))
+        scene = replace(continued(scene, self.scene), added=())
         same = (scene.cable.length, scene.discretization) == (
             self.scene.cable.length,
             self.scene.discretization,
@@ -633,15 +623,8 @@ class Simulator(Running):
                 "terms.stretch: off keeps the length from the start of a run, with its "
                 "cable.length and control points; begin anew with it, or set it to auto"
             )
-        # Tangents that the scene does not give are those of this simulator.
-        tangents = {
-            f"{end}.tangent": list(self.geometries[end].tangent)
-            for end in scene.ends
-            if not any(scene.ends[end].tangent)
-        }
         poses = {name: self.end_pose(name) for name in scene.holders | scene.moved}
-        other = Simulator(replace(scene.with_values(tangents), added=()), poses, continues=True)
-        other.scene, other.resolution = replace(scene, added=()), resolution
+        other = Simulator(scene, poses, before=self)
         other.take_over(self)
         if not math.isfinite(other.cable.account.energy_start):
             raise ValueError("scene: the present shape and motion have no finite energy in it")

@@ -104,10 +104,8 @@ class FirstShape:
             flow follow; None if there is neither.
     """
 
-    def __init__(
-        self, scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable, lay: Lay | None
-    ) -> None:
-        self._scene, self._geometries = scene, geometries
+    def __init__(self, ends: EndDrive, cable: Cable, lay: Lay | None) -> None:
+        self._scene, self._geometries = cable.model.scene, cable.model.geometries
         self._ends, self._cable, self._lay = ends, cable, lay
         # After each step of a search for the shape alone.
         self._flow = self._align if cable.model.has(PLASTICITY) else None
@@ -279,7 +277,7 @@ class FirstShape:
         points, diameter = self._cable.points, scene.cable.diameter
         line = self._line(points[:, :3])
         found = [float(gaps(body, diameter, line).min()) for body in scene.bodies]
-        return -min([*found, nearest(model, points, diameter).clearance]) / diameter
+        return -min([*found, nearest(model, points).clearance]) / diameter
 
     def _line(self, points: Array) -> Array:
         """PLACES points of the cable in the world [m]."""
@@ -683,7 +681,9 @@ class _Search:
         inertia = float(mass.multiply(model.mass(0), np.ones(model.n)).sum())
         fall = inertia * length / max(float((pull * ~model.held_mask()[:dim]).sum()), TINY)
         self.first, self.patient = 0.01 * fall, 100.0 * fall
-        guide = np.zeros(dim) if across is None else across * math.sqrt(GUIDED / fall)
+        guide = np.zeros((dim, dim))
+        if across is not None:
+            guide += GUIDED / fall * np.outer(across, across)
         begun, anchors = cable.padded(cable.x), cable.anchors.copy()
         self._given = guide, begun, anchors, length, twist, rolls
 

@@ -1,12 +1,11 @@
 """Steps a cable with the compiled loop of one method, and never shows a diverged state.
 
 A state with a large error of the energy balance is not shown: after a failed advance the last good
-state is restored, and where smaller steps may help, the failed step is repeated with them.
+state is restored.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +16,6 @@ from dlo_sim.engine import arrays
 from dlo_sim.engine.account import DIVERGED_SHARE
 from dlo_sim.methods import implicit
 from dlo_sim.methods.advance import advance
-from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Status
@@ -25,9 +23,6 @@ from dlo_sim.simulation.report import Status
 Array = NDArray[np.float64]
 CHUNK = 4096  # steps of a long advance after which the state is kept in case of a failure
 GUARD_STEPS = 16  # explicit steps between two checks of the energy
-GROSS_SHARE = 1.0  # of the energy exchanged: states with a larger energy error are never shown
-SOUND_SHARE = 0.1  # of the energy exchanged: largest energy error from which steps are retried
-RETRIES = (2, 4, 8, 16, 32, 64)  # numbers of smaller steps that replace a failed one
 _STATUS = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)
 LOOK = 2e-3  # [s] between two looks for buckling at a straight cable at least
 _FAMILIES = {
@@ -56,7 +51,7 @@ class Along(NamedTuple):
         return Along(self.motions[piece], self.natural, self.turns[piece])
 
 
-_AS_BEFORE = Along(np.zeros((0, 0, 0)), np.zeros((0, 0, 0, 0)), np.zeros((0, 0)))
+AS_BEFORE = Along(np.zeros((0, 0, 0)), np.zeros((0, 0, 0, 0)), np.zeros((0, 0)))
 
 
 class Advance(NamedTuple):
@@ -82,13 +77,14 @@ class Stepper:
             two looks for buckling, a multiple of it.
     """
 
-    def __init__(self, scene: Scene, cable: Cable, method: Method, step: float) -> None:
+    def __init__(self, cable: Cable, method: Method, step: float) -> None:
         self.method, self.step = method, step
         self.check_every = 1 if method.family == IMPLICIT else GUARD_STEPS
         self.look_every = max(1, round(LOOK / (step * self.check_every))) * self.check_every
         self._cable = cable
-        self._constants = _constants_of(method, scene, self.check_every)
-        self._kept = np.empty_like(cable.state)  # not allocated in every advance
+        tolerance = cable.model.scene.integrator.tolerance
+        self._constants = _constants_of(method, tolerance, self.check_every)
+        self._kept = np.empty_like(cable.state)  # new memory in every advance would take as long
         self._unrecorded = Recorder(cable.model, np.zeros(0))
         if method.family != IMPLICIT:
             # What keeps spans from turning over is a hundred times as stiff as the cable, more than
@@ -100,111 +96,54 @@ class Stepper:
         return step % self.check_every == 0
 
     def advance(
-        self, first: int, steps: int, recorder: Recorder | None = None, along: Along | None = None
+        self,
+        first: int,
+        steps: int,
+        recorder: Recorder | None = None,
+        along: Along = AS_BEFORE,
     ) -> Advance:
-        """Advance by whole steps from step `first`; after a failure restore the last good state.
+        """Advance by whole steps from step `first`; after a failure keep the last good state.
 
         Args:
-            along: of these steps; implicit methods only, which need no guard: they check the energy
-                themselves, and a failed step is undone.
+            along: of these steps; implicit methods only.
         """
         recorder = self._unrecorded if recorder is None else recorder
-        if along is not None:
-            done = self._called(first, steps, self.step, recorder, along)
-            return done if done.status.ok else done._replace(worst=self._worst_point(done.status))
         if self._kept.size != self._cable.state.size:  # it has another model
             self._kept = np.empty_like(self._cable.state)
         self._kept[:] = self._cable.state
-        done = self.run(first, steps, recorder)
-        status = done.status
-        if status.ok and not self._sane(first + done.steps):
-            status = Status.DIVERGED
-        if status.ok:
+        done = self._called(first, steps, recorder, along)
+        if done.status.ok and self._sane(first + done.steps):
             return done
-        worst = self._worst_point(status)
-        made = self._redo(first, done.steps)
+        status = Status.DIVERGED if done.status.ok else done.status
+        worst, made = self._worst_point(status), self._redo(first, done.steps, along)
         reached = (first + made + 1e-9) * self.step
         recorder.forget(int(np.searchsorted(recorder.times, reached, side="right")))
-        redone, used = self._retry(status, first + made, recorder)
-        if redone:
-            status, made = Status.OK, made + 1
-        return Advance(status, made, done.evaluations + used, worst)
+        return Advance(status, made, done.evaluations, worst)
 
-    def run(
-        self, first: int, steps: int, recorder: Recorder | None = None, finer: int = 1
-    ) -> Advance:
-        """Advance without looking at the result; a failed advance leaves the state as it is.
-
-        Every step is divided into `finer` smaller ones, which the result counts.
-        """
-        recorder = self._unrecorded if recorder is None else recorder
-        tau = self.step / finer
-        return self._called(first * finer, steps * finer, tau, recorder, _AS_BEFORE)
-
-    def _called(
-        self, first: int, steps: int, tau: float, recorder: Recorder, along: Along
-    ) -> Advance:
+    def _called(self, first: int, steps: int, recorder: Recorder, along: Along) -> Advance:
         cable, constants = self._cable, self._constants
         if recorder is not self._unrecorded:
             recorder.keep_obstacles(cable.obstacles)
         code = advance.code(cable.terms | constants.family)
-        given = cable.address, constants.address, first, steps, tau, recorder.address
+        given = cable.address, constants.address, first, steps, self.step, recorder.address
         status, done, evaluations = code(*given, *along)
         return Advance(_STATUS[status], done, evaluations)
 
     def _sane(self, step: int) -> bool:
-        """Whether the state may be shown; explicit loops check the energy only every few steps."""
-        if self.checked(step):
-            return True
-        share = self._cable.share_open()
-        if share > DIVERGED_SHARE:
-            # Right after an impact little energy has been exchanged, and near the stability limit
-            # the error of a stable method exceeds half of it for a few steps. Unlike the error of a
-            # diverging run, it does not keep growing.
-            return share <= GROSS_SHARE and self._passes_next_check(step)
-        return not math.isnan(share)
+        """Whether the state may be shown, also between two checks of the energy."""
+        return self.checked(step) or self._cable.share_open() <= DIVERGED_SHARE
 
-    def _passes_next_check(self, step: int) -> bool:
-        """Whether the loop passes its next check of the energy; the state is left unchanged."""
-        now = self._cable.state.copy()
-        done = self.run(step, GUARD_STEPS - step % GUARD_STEPS)
-        self._cable.state[:] = now
-        return done.status.ok
-
-    def _redo(self, first: int, made: int) -> int:
-        """Undo a failed advance and repeat it up to its last good state; returns its steps."""
+    def _redo(self, first: int, made: int, along: Along) -> int:
+        """Repeat a failed advance up to its last good state; returns its steps."""
         last_check = first + made - (first + made) % self.check_every
         for good in (made, last_check - first):
             self._cable.state[:] = self._kept
             if good > 0:
-                self.run(first, good)
+                self._called(first, good, self._unrecorded, along)
                 if self._sane(first + good):
                     return good
         self._cable.state[:] = self._kept
         return 0
-
-    def _retry(self, status: Status, step: int, recorder: Recorder) -> tuple[bool, int]:
-        """Repeat one step as smaller ones where that may help.
-
-        It does not help an explicit method that diverged, since its energy has grown for many
-        steps, or an implicit one that did not converge, which has already halved the step.
-
-        Returns:
-            Whether it succeeded, and the force evaluations or Newton iterations used.
-        """
-        helps = status is Status.DIVERGED and self.method.family == IMPLICIT
-        if not helps or self._cable.share_open() > SOUND_SHARE:
-            return False, 0
-        self._kept[:] = self._cable.state
-        sample, evaluations = recorder.count, 0
-        for finer in RETRIES:
-            done = self.run(step, 1, recorder, finer)
-            evaluations += done.evaluations
-            if done.status.ok and self._sane(step + 1):
-                return True, evaluations
-            self._cable.state[:] = self._kept
-            recorder.forget(sample)
-        return False, evaluations
 
     def _worst_point(self, status: Status) -> int:
         """Control point with the largest unbalanced force, or the fastest one, of a failed step."""
@@ -214,7 +153,7 @@ class Stepper:
         return int(np.argmax(np.nan_to_num(size, nan=np.inf)))
 
 
-def _constants_of(method: Method, scene: Scene, check_every: int) -> arrays.Method:
+def _constants_of(method: Method, tolerance: float, check_every: int) -> arrays.Method:
     """The numbers of a method for the compiled loop."""
     stages = max(len(method.drift_weights), len(method.stage_weights), len(method.substeps))
     out = arrays.Method({"stages": stages})
@@ -226,6 +165,6 @@ def _constants_of(method: Method, scene: Scene, check_every: int) -> arrays.Meth
     out.nodes[:] = out.matrix.sum(axis=1)
     out.weights[: len(method.stage_weights)] = method.stage_weights
     out.substeps[: len(method.substeps)] = method.substeps
-    out.conserves_energy, out.tolerance = method.conserves_energy, scene.integrator.tolerance
+    out.conserves_energy, out.tolerance = method.conserves_energy, tolerance
     out.halvings = implicit.MAX_HALVINGS
     return out

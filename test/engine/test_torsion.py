@@ -67,14 +67,11 @@ def test_default_floor_is_a_hundredth_of_the_ring():
 @pytest.mark.parametrize("floor", [1e-9, 0.0])
 def test_straight_cable_gives_numbers_and_is_reported(floor):
     sim = Simulator(scene_of(SOFT, {"terms.twist": "frenet", "torsion.curvature_floor": floor}))
-    assert sim.undefined_torsion.last == sim.undefined_torsion.samples == 15
+    assert sim.cable.account.torsion_last == 15
     assert np.isfinite(sim.reaction("start")[0]).all()
     sim.advance_steps(200)
     assert np.isfinite(sim.control_points).all()
-    report = sim.undefined_torsion
-    assert report.worst == 15
-    assert 0.0 < report.mean <= 15.0
-    assert any("torsion" in note and "15 of 15" in note for note in sim.notes)
+    assert any("torsion" in note and "15 of 15 samples, 15.0" in note for note in sim.notes)
 
 
 def test_inflection_gives_numbers_and_is_reported():
@@ -87,8 +84,10 @@ def test_inflection_gives_numbers_and_is_reported():
     sim.advance_steps(20)
     assert np.isfinite(sim.control_points).all() and np.isfinite(sim.velocities).all()
     assert sim.energy().twist > 0.0
-    report = sim.undefined_torsion
-    assert 0 < report.last <= report.worst < report.samples
+    account = sim.cable.account
+    assert (
+        0 < account.torsion_last <= account.torsion_worst < np.count_nonzero(sim.model.rule.weights)
+    )
     assert any("torsion" in note for note in sim.notes)
 
 

@@ -22,7 +22,7 @@ def estimates(monkeypatch):
     """The estimates that sessions make."""
     made: list[FakeEstimate] = []
 
-    def make(simulator, end_poses=None):
+    def make(simulator, begins=False):
         made.append(FakeEstimate(simulator))
         return made[-1]
 

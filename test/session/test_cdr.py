@@ -9,6 +9,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from dlo_sim.core import rotations
 from dlo_sim.session import cdr
+from dlo_sim.session.outputs import capsules_of
 
 FRAMES = ["", "a", "ab", "abc", "abcd", "world", "fr3_link0", "x" * 61, "größe"]
 STAMP = 1_700_000_000_123_456_789
@@ -112,9 +113,8 @@ def test_marker_delete_all(frame):
 def test_capsules(frame, namespace):
     joints = np.random.default_rng(5).normal(size=(4, 3))
     joints[1] = joints[0]  # one of no length
-    encoder = cdr.CapsuleEncoder(frame, namespace, 3, (0.25, 0.5, 0.75, 1.0), 10**9)
-    encoder.encode(1, np.ones((4, 3)), np.ones(3))
-    raw = encoder.encode(STAMP, joints, np.array([0.125, 0.25, 0.5]))
+    bodies = capsules_of(joints, np.array([0.125, 0.25, 0.5]))
+    raw = cdr.encode_bodies(frame, namespace, STAMP, 10**9, bodies)
     markers = STORE.deserialize_cdr(raw, cdr.MARKER_ARRAY).markers
     assert [marker.id for marker in markers] == list(range(7))
     assert all(m.header == header(frame) and m.ns == namespace for m in markers)
@@ -238,8 +238,9 @@ OURS = {
     cdr.MARKER: lambda frame: cdr.LineEncoder(frame, "ns", 3, 0.1, (1, 0, 0, 1), 10**9).encode(
         STAMP, ROWS[:, :3].astype(float)
     ),
-    cdr.MARKER_ARRAY: lambda frame: cdr.CapsuleEncoder(frame, "ns", 2, (1, 0, 0, 1), 10**9).encode(
-        STAMP, ROWS[:, :3].astype(float), np.array([0.1, 0.2])
+    cdr.MARKER_ARRAY: lambda frame: cdr.encode_bodies(
+        *(frame, "ns", STAMP, 10**9),
+        capsules_of(ROWS[:, :3].astype(float), np.array([0.1, 0.2])),
     ),
     cdr.POINT_CLOUD: lambda frame: cdr.encode_point_cloud(STAMP, frame, "xyzu", ROWS),
     cdr.DIAGNOSTIC_ARRAY: lambda frame: cdr.encode_diagnostic_array(STAMP, frame, [STATUS] * 2),

@@ -7,7 +7,7 @@ import pytest
 from session_bench import GRIPPER, MS, SECOND, T0, Bench, motion
 
 from dlo_sim.session import cdr
-from dlo_sim.session.gripper_path import PoseTiming
+from dlo_sim.session.pacing import PoseTiming
 
 TICK = 5 * MS
 TWO = {**GRIPPER, "end.pose_topic": "/end_pose", "end.fixed": [True] * 3}

@@ -24,7 +24,7 @@ class Overloaded:
         self.now, self.posed = T0, T0
         self._seen = Counter()
 
-    def make(self, simulator, poses=None):
+    def make(self, simulator, begins=False):
         self.estimates.append(FakeEstimate(simulator))
         return self.estimates[-1]
 

@@ -36,6 +36,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.simulation.error_estimate import ErrorEstimate, error_along
 from dlo_sim.simulation.forecast import Plan
+from dlo_sim.simulation.play import Watcher, play
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import DiscretizationError
 from dlo_sim.simulation.simulator import Simulator
@@ -960,7 +961,7 @@ def _shapes(everyday: Everyday, scene: Scene) -> Array:
         found = simulator.forecast(everyday.plan(), EVERY)
         assert found.report.status.ok, found.report.message
         return found.centerline
-    return _watched(simulator, simulator, everyday.seconds)
+    return _watched(simulator, (), everyday.seconds)
 
 
 def _estimated(everyday: Everyday, scene: Scene) -> tuple[Array, DiscretizationError, str]:
@@ -970,7 +971,7 @@ def _estimated(everyday: Everyday, scene: Scene) -> tuple[Array, DiscretizationE
         places = _shapes(everyday, scene)
         return places, *error_along(simulator, places, partial(_shapes, everyday))
     estimate = ErrorEstimate(simulator)
-    places = _watched(simulator, estimate, everyday.seconds)
+    places = _watched(simulator, (estimate,), everyday.seconds)
     return places, estimate.largest, estimate.advice(estimate.largest)
 
 
@@ -983,11 +984,12 @@ def _converged(everyday: Everyday) -> Array:
     return _shapes(everyday, scene.with_values({"integrator.step": step / 4.0}))
 
 
-def _watched(simulator: Simulator, driven: Simulator | ErrorEstimate, seconds: float) -> Array:
-    """Shapes of a simulator that is advanced by `driven`."""
+def _watched(simulator: Simulator, watchers: tuple[Watcher, ...], seconds: float) -> Array:
+    """Shapes of a simulator whose run is watched."""
     times = np.arange(1, round(seconds / EVERY) + 1, dtype=np.float64) * EVERY
     recorder = Recorder(simulator.model, np.asarray(times, dtype=np.float64))
-    report = driven.advance_steps(math.ceil(seconds / simulator.step - 1e-9), recorder)
+    until = simulator.steps + math.ceil(seconds / simulator.step - 1e-9)
+    report = play(simulator, until, recorder, watchers=watchers)
     assert report.status.ok, report.message
     u = np.linspace(0.0, simulator.scene.cable.length, 50)
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import bspline
 from dlo_sim.core.methods import IMPLICIT, METHODS
+from dlo_sim.methods import between_steps
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.simulation.buckling import SLOWEST
@@ -450,7 +451,7 @@ def right_at_rest(run: Run) -> str:
     if scene.bodies:  # a cable that is free to turn on a table grows slower than SLOWEST
         inertia = np.stack([sim.model.mass(line)[0] for line in range(lines)], axis=1)
         band[:, 4 * lines - 1] += SLOWEST**2 * inertia.ravel()
-    negative = cable.solve_held(correction)
+    negative = cable.call(between_steps.solve_held, correction.reshape(1, -1), False)
     if negative != 0:
         return f"unstable: {negative} negative pivots"
     moved, turned = np.split(np.abs(correction.reshape(-1, lines)), [len(sim.model.axes)], axis=1)
@@ -470,7 +471,7 @@ def right_at_rest(run: Run) -> str:
         depth = -float(gaps(body, diameter, line).min()) / diameter
         if depth > DEEPEST:
             return f"{depth:.2g} diameters in {body.name}"
-    near = nearest(sim.model, cable.points, diameter) if scene.bodies else None
+    near = nearest(sim.model, cable.points) if scene.bodies else None
     return "crosses itself" if near and near.clearance < -DEEPEST * diameter else ""
 
 

@@ -52,7 +52,7 @@ def test_an_obstacle_that_jumps_into_the_cable_pushes_it_out_slowly():
     (line,) = (line for line in sim.warnings if line.startswith("obstacles"))
     assert line.startswith("obstacles.body: jumped into the cable once, by 0.043 m at most; it")
     most = 0.0
-    for _ in range(300):
+    for _ in range(400):
         assert sim.advance(0.01).status.ok
         most = max(most, fastest(sim))
     assert 0.1 < most < 2.0

@@ -184,8 +184,9 @@ def test_a_run_looks_up_in_time_whatever_a_step_takes(monkeypatch, cost):
 
     monkeypatch.setattr(simulator, "advance_steps", advance_steps)
     monkeypatch.setattr(recording, "time", SimpleNamespace(perf_counter=lambda: now))
-    recording.record_simulator(
-        simulator,
+    monkeypatch.setattr(recording, "Simulator", lambda scene: simulator)
+    record(
+        simulator.scene.with_values({"accuracy.estimate": "off"}),
         0.04,
         1e-2,
         progress=lambda fraction: looks.append(now),

@@ -67,7 +67,6 @@ SCENES = [
     (MESHED, BOX | {f"{BODY}.mesh_cells": 7}, "mesh_cells: 7 are too few; give 8 or more, or 0"),
     (MESHED, SPHERE, "body.position: the cable begins 0.0.* m inside it"),
     (MESHED, {}, "obstacles.body.mesh: '' is no file"),
-    (MESHED, {f"{BODY}.mesh": "triangles:99999"}, "these triangles are of another process"),
     (COILED, {"end.fixed": [True] * 3, "end.position": [0.001, 0.0, 0.0]}, "begins 0.004 m inside"),
     *(
         (COILED, APART | {METHOD: name}, f"{name} is not valid with contact.self_contact on")

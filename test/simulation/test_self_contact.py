@@ -347,5 +347,5 @@ def test_a_loop_that_crosses_itself_is_seen_with_one_span(points, found):
     path = np.stack((0.06 * (t**2 - 1.0), 0.05 * (t**3 - t), 0.0 * t), axis=1)
     basis = bspline.evaluate(np.eye(points), sim.model.knots, np.linspace(0.0, 0.4, len(t)))
     place = np.linalg.lstsq(basis, path, rcond=None)[0]
-    nearest = self_contact.nearest(sim.model, place, DIAMETER)
+    nearest = self_contact.nearest(sim.model, place)
     assert (nearest.clearance < 0.0) == found

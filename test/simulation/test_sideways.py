@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cables import merged, move
+from cables import advance, merged, move
 
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation import buckling
@@ -125,7 +125,7 @@ def test_growth_sideways_is_that_of_the_dynamics(values, torsion):
     sim = simulate(values | PUT)
     sim.start_from(flat.control_points)
     across = np.diag([0.0, 1.0, 0.0])
-    rate = buckling.growth(sim.cable, sim.scene, across)
+    rate = buckling.growth(sim.cable, across)
     points = sim.control_points
     points[:, 1] += 1e-7 * np.sin(np.pi * sim.greville) ** 2 * (1.0 + sim.greville)
     sim.start_from(points)
@@ -164,7 +164,7 @@ def test_finer_runs_fall_to_the_same_side_and_that_it_is_open_is_said():
     }
     sim = simulate(usb)
     estimate = ErrorEstimate(sim)
-    estimate.advance_steps(40)
+    advance(estimate, 40)
     assert np.hypot(*sim.centerline([1.0])[0, :2]) > 0.5
     assert estimate.largest.total < sim.scene.accuracy.target
     assert estimate.advice(estimate.largest) == ""
@@ -182,7 +182,7 @@ def test_a_column_falls_to_the_same_side_in_finer_runs():
     sim = simulate(hose(1.0, cable__bending_stiffness=2.0, **still))
     estimate = ErrorEstimate(sim)
     approach(sim, 0.95)
-    estimate.advance_steps(round(3.0 / sim.step))
+    advance(estimate, round(3.0 / sim.step))
     assert np.hypot(*(sim.centerline(U)[:, 1:] - [0.0, 1.0]).T).max() > 0.1
     assert 0.0 < max(estimate.recent.space, estimate.recent.time) < 0.01
     assert any("open to which side" in note for note in sim.notes)

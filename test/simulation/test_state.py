@@ -198,26 +198,15 @@ def test_a_diverging_run_keeps_all_that_was_good():
     assert same(everything(whole), everything(pieces))
 
 
-def test_a_step_that_gains_energy_is_done_in_smaller_ones(monkeypatch):
+def test_a_step_that_gains_energy_is_refused():
     """An end effector that jumps, at a step that the midpoint rule cannot bear for that."""
-
-    def jumping():
-        sim = simulator(
-            SOFT, {"cable.axial_stiffness": 1e4}, n=8, method="implicit_midpoint", step=5e-3
-        )
-        sim.advance_steps(10)
-        sim.set_end("start", position=[0.01, 0.0, 0.01])
-        return sim
-
-    sim, pieces, without = jumping(), jumping(), jumping()
-    assert sim.advance_steps(20).steps == 20
-    assert sim.energy_error < 0.36  # measured 0.348; the free first span takes up more of a jump
-    for _ in range(20):
-        assert pieces.advance_steps(1).status.ok
-    assert same(everything(sim), everything(pieces))
-    monkeypatch.setattr("dlo_sim.simulation.stepper.RETRIES", ())
-    report = without.advance_steps(20)
-    assert report.status is Status.DIVERGED
+    sim = simulator(
+        SOFT, {"cable.axial_stiffness": 1e4}, n=8, method="implicit_midpoint", step=5e-3
+    )
+    sim.advance_steps(10)
+    sim.set_end("start", position=[0.01, 0.0, 0.01])
+    report = sim.advance_steps(20)
+    assert report.status is Status.DIVERGED and "use a smaller integrator.step" in report.message
     assert report.steps < 20
 
 

@@ -161,7 +161,7 @@ def there_and_back(method, steps=60):
     )
     sim.set_motion("start", back)
     sim.cable.put(far, -sim.model.to_columns(sim.cable.w, rest=False))
-    sim.cable.open_account(sim.scene)
+    sim.cable.open_account()
     assert sim.advance_steps(steps).status.ok
     units = np.array([1, 1, 1, 0.01])
     return np.abs((far - begin) * units).max(), np.abs((sim.control_points - begin) * units).max()

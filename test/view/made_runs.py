@@ -47,10 +47,12 @@ def write_bag(
         writer.write(points, stamp, poses.encode(stamp, state))
         writer.write(reaction, stamp, wrench.encode(stamp, force))
         if k % 2 == 0:  # a box that moves along x and is gone after 0.2 s
-            box = cdr.Body(cdr.CUBE, [0.2 + 0.01 * k, 0, -0.15, 0, 0, 0, 1], BOX)
+            gray = (0.5,) * 4
+            box = cdr.Body(cdr.CUBE, gray, [0.2 + 0.01 * k, 0, -0.15, 0, 0, 0, 1], BOX)
             lines = np.array([[0.1 * k, 0.0, 0.0], [0.1 * k, 0.0, 0.05]])
-            bodies, colors = [box] * (k <= 10), ((0.5,) * 4,) * 2
-            shown = cdr.encode_contacts("world", stamp, 0, bodies, lines, 0.001, colors)
+            force = cdr.Body(cdr.LINE_LIST, gray, cdr.NO_POSE, (0.001, 0, 0), lines)
+            bodies = [force, *[box] * (k <= 10)]
+            shown = cdr.encode_bodies("world", "contacts", stamp, 0, bodies)
             writer.write(contacts, stamp, shown)
         error = "unknown" if k == 0 else f"{1e-4 * k}"
         values = (
