@@ -168,7 +168,7 @@ class Rows(Group):
     body = Reals("rows", 3)  # that direction in the frame of the grasp
     stiffness = Reals("rows")  # [N/m], or [N m/rad] of r' and of the twist
     aims = Wholes("rows")  # 1 if the target is the direction of the grasp
-    xi = Reals("rows")  # local coordinate of a roll spring
+    xi = Reals("rows")  # of the twist: local coordinate in its span
 
 
 class Slides(Group):
@@ -334,7 +334,7 @@ class Work(Group):
     before = Reals("lines", "columns")  # positions at the start of a step with a sample time
     rates = Reals("rigid")  # of the targets, or residuals of the constraints
     targets = Reals("rigid")
-    held = Reals("grasps", 19)  # of grasps at a requested time (`rows.ROTATION` to RATES)
+    held = Reals("grasps", 22)  # of grasps at a requested time (`rows.ROTATION` to RATES)
     ahead = Reals("rigid", 3)  # directions at a requested time
     system = Reals("rigid", "rigid")  # S
     multipliers = Reals("rigid")  # S^-1 times `rates`

@@ -191,21 +191,6 @@ def squares_lost(cable, x, rates, psi):
 
 
 @inline
-def normalised(v0, v1, v2):
-    """Unit vector along numbers v."""
-    inverse = 1.0 / np.sqrt(v0 * v0 + v1 * v1 + v2 * v2)
-    return inverse * v0, inverse * v1, inverse * v2
-
-
-@inline
-def edge(cable, x, own):
-    """Unit tangent at the end of the cable with control point `own`."""
-    at = MARGIN + max(own, 1)
-    v2 = x[2, at] - x[2, at - 1] if cable.dim == 3 else 0.0
-    return normalised(x[0, at] - x[0, at - 1], x[1, at] - x[1, at - 1], v2)
-
-
-@inline
 def span_tangent(cable, x, span, xi):
     """Unit tangent of one span at a local coordinate."""
     b, own = span // LANES, span % LANES
@@ -218,7 +203,8 @@ def span_tangent(cable, x, span, xi):
         t1 += slope * x[1, at]
         if cable.dim == 3:
             t2 += slope * x[2, at]
-    return normalised(t0, t1, t2)
+    inverse = 1.0 / np.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
+    return inverse * t0, inverse * t1, inverse * t2
 
 
 @inline

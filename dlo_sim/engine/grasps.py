@@ -139,7 +139,7 @@ def direction_at(m, t):
 
 
 @inline
-def place_at(m, t, r):
+def place_by(m, t, r):
     """`place`, with the rotation matrix r of that time."""
     s = elapsed(m, t)
     arm = times(r, 0, m[ATTACHMENT], m[ATTACHMENT + 1], m[ATTACHMENT + 2])
@@ -153,7 +153,7 @@ def place_at(m, t, r):
 @kernel(THREE, VECTOR, float64)
 def place(m, t):
     """Attachment point [m] at time t."""
-    return place_at(m, t, rotation_at(m, t))
+    return place_by(m, t, rotation_at(m, t))
 
 
 # -- the twist angle ----------------------------------------------------------------------------

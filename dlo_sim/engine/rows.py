@@ -38,17 +38,18 @@ from dlo_sim.engine.grasps import (
     count_from,
     direction_by,
     moves,
-    place_at,
+    place_by,
     prescribed_twist,
     rates,
     rotation_at,
     times,
 )
 from dlo_sim.engine.lines import add, kinetic
-from dlo_sim.engine.spans import three
+from dlo_sim.engine.spans import store_three, three
 from dlo_sim.terms.vectors import cross
 
-ROTATION, PLACE, RATES = 0, 9, 12  # entries of `work.held`: by rows; place; rates of it and twist
+# Entries of `work.held`: by rows, attachment point, direction, rates (`grasps.rates`).
+ROTATION, PLACE, AIM, RATES = 0, 9, 12, 15
 
 # -- values and shifts --------------------------------------------------------------------------
 
@@ -254,11 +255,10 @@ def set_held(cable, t):
     for g in range(cable.grasps):
         m, held = cable.inputs.motion[g], cable.work.held[g]
         r = rotation_at(m, t)
-        a = place_at(m, t, r)
         for k in range(9):
             held[ROTATION + k] = r[k]
-        for k in range(3):
-            held[PLACE + k] = a[k]
+        store_three(held, PLACE, place_by(m, t, r))
+        store_three(held, AIM, direction_by(m, r))
 
 
 @kernel(void, CABLE, float64)
@@ -268,7 +268,7 @@ def keep_frames(cable, t):
         m, frame, held = cable.inputs.motion[g], cable.state.frame[g], cable.work.held[g]
         if moves(m):
             angle = prescribed_twist(m, frame, t, held)
-            count_from(m, frame, t, held, direction_by(m, held), angle)
+            count_from(m, frame, t, held, three(held, AIM), angle)
 
 
 @inline
@@ -286,28 +286,35 @@ def set_held_rates(cable, t):
             held[RATES + k] = v[k]
 
 
+@inline
+def target_of(cable, k, t):
+    """Target of a row or spring k whose direction does not turn, at time t, after `set_held`: twist
+    angle of its grasp, or a coordinate of its attachment point or direction; 0 between branches.
+    """
+    line, g = cable.rows.line[k], cable.rows.grasp[k]
+    if g < 0:
+        return 0.0
+    held = cable.work.held[g]
+    if line == cable.dim:
+        return prescribed_twist(cable.inputs.motion[g], cable.state.frame[g], t, held)
+    return held[(AIM if cable.rows.aims[k] else PLACE) + cable.axes[line]]
+
+
 @kernel(void, CABLE, float64)
 def set_targets(cable, t):
     """Set work.targets and the turning directions in work.ahead to those at time t."""
     rows, work = cable.rows, cable.work
     set_held(cable, t)
     for k in range(rows.count):
-        line, share = rows.line[k], cable.points.sum[rows.point[k]]
-        if rows.grasp[k] < 0:  # two branches stay together
-            work.targets[k] = 0.0
+        share = cable.points.sum[rows.point[k]]
+        if not turns(cable, k):
+            work.targets[k] = share * target_of(cable, k, t)
             continue
-        held, target = work.held[rows.grasp[k]], 0.0
-        if line == cable.dim:
-            g = rows.grasp[k]
-            target = prescribed_twist(cable.inputs.motion[g], cable.state.frame[g], t, held)
-        elif line >= 0:
-            target = held[PLACE + cable.axes[line]]
-        else:
-            e = direction_of(cable, k)
-            for d in range(cable.dim):
-                axis = cable.axes[d]
-                work.ahead[k, d] = component(e, axis)
-                target += component(e, axis) * held[PLACE + axis]
+        e, target = direction_of(cable, k), 0.0
+        for d in range(cable.dim):
+            axis = cable.axes[d]
+            work.ahead[k, d] = component(e, axis)
+            target += component(e, axis) * work.held[rows.grasp[k], PLACE + axis]
         work.targets[k] = share * target
 
 

@@ -14,15 +14,8 @@ from numba import boolean, float64, void
 
 from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, SPRUNG
-from dlo_sim.engine.grasps import (
-    component,
-    direction_at,
-    moves,
-    place,
-    prescribed_twist,
-    rotation_at,
-)
-from dlo_sim.engine.rows import point_value
+from dlo_sim.engine.grasps import moves
+from dlo_sim.engine.rows import point_value, target_of
 
 ROLL_DAMPING = 0.5  # damping over stiffness, in units of the step
 
@@ -108,26 +101,21 @@ def spring_energy(cable, x):
     return energy
 
 
-@inline
-def target_of(cable, k, t):
-    """Anchor of spring k at time t: twist angle of its grasp [rad], or one coordinate of its
-    attachment point [m] or of its direction.
-    """
-    row = row_of(cable, k)
-    line, grasp = cable.rows.line[row], cable.rows.grasp[row]
-    m = cable.inputs.motion[grasp]
-    if line == cable.dim:
-        return prescribed_twist(m, cable.state.frame[grasp], t, rotation_at(m, t))
-    return component(direction_at(m, t) if cable.rows.aims[row] else place(m, t), cable.axes[line])
-
-
 @kernel(void, CABLE, float64, terms=SPRUNG)
 def move_anchors(cable, t):
-    """Set the anchors of moving grasps to their values at time t."""
+    """Set the anchors of moving grasps to their values at time t, after `set_held`."""
     for k in range(cable.rows.springs):
         grasp = cable.rows.grasp[row_of(cable, k)]
         if grasp >= 0 and moves(cable.inputs.motion[grasp]):
-            cable.state.anchor[k] = target_of(cable, k, t)
+            cable.state.anchor[k] = target_of(cable, row_of(cable, k), t)
+
+
+@kernel(void, CABLE, float64, terms=SPRUNG)
+def put_anchors(cable, t):
+    """Set all anchors to their values at time t, after `set_held`, without work."""
+    for k in range(cable.rows.springs):
+        cable.state.anchor[k] = target_of(cable, row_of(cable, k), t)
+    accept_anchors(cable)
 
 
 @kernel(float64, CABLE, LINES, LINES, terms=SPRUNG)

@@ -62,6 +62,7 @@ from dlo_sim.engine.rows import (
     grasps_move,
     project,
     row_value,
+    set_held,
     set_targets,
     take_directions,
     target_rates,
@@ -71,7 +72,7 @@ from dlo_sim.engine.rows import (
 from dlo_sim.engine.sampling import velocities
 from dlo_sim.engine.sliding import jump_slides, slide_tangent
 from dlo_sim.engine.spans import store_three, three
-from dlo_sim.engine.springs import move_anchors
+from dlo_sim.engine.springs import move_anchors, put_anchors
 from dlo_sim.engine.tension import take_tension
 from dlo_sim.methods.works import NATURAL, evaluate, turn_natural_shape
 from dlo_sim.terms.vectors import dot
@@ -142,17 +143,13 @@ def open_balance(address):
 
 
 @kernel(void, ARRAY, float64, ARRAY)
-def grasp_place(motion, t, out):
-    """Attachment point [m] of a grasp at time t, from its numbers `motion` (MOTION_SIZE,) into
-    `out` (3,).
+def place_of_grasp(motion, t, out):
+    """Attachment point [m] and unit direction of the cable at a grasp at time t, from its numbers
+    `motion` (MOTION_SIZE,) into `out` (6,).
     """
-    store_three(grid(out), 0, place(grid(motion), t))
-
-
-@kernel(void, ARRAY, float64, ARRAY)
-def grasp_direction(motion, t, out):
-    """Unit direction of the cable at a grasp at time t, as `grasp_place`, into `out` (3,)."""
-    store_three(grid(out), 0, direction_at(grid(motion), t))
+    m = grid(motion)
+    store_three(grid(out), 0, place(m, t))
+    store_three(grid(out), 3, direction_at(m, t))
 
 
 @kernel(float64, int64, int64, float64)
@@ -342,8 +339,20 @@ def jump(address, t):
     """
     cable = cable_at(address)
     carry(cable, cable.state.x, cable.state.w, t, 0.0)
+    set_held(cable, t)
     move_anchors(cable, t)
-    jump_slides(cable, t)
+    jump_slides(cable)
+
+
+@kernel(void, int64, float64)
+def pull(address, t):
+    """Put the anchors of springs, and the grippers that let the cable slide, to where they are at
+    time t, without work.
+    """
+    cable = cable_at(address)
+    set_held(cable, t)
+    put_anchors(cable, t)
+    jump_slides(cable)
 
 
 @kernel(void, int64, NATURAL, ARRAY)

@@ -307,7 +307,7 @@ def begin_step(cable, t0, tau):
         for k in range(cable.rows.count):
             pin(cable, k, work.targets[k], state.x)
         move_anchors(cable, t0 + tau)
-        move_slides(cable, t0 + tau)
+        move_slides(cable)
     else:
         keep_constraints(cable)
     set_border(cable, work.middle_direction, state.direction)

@@ -21,7 +21,6 @@ from dlo_sim.engine.arrays import (
     MATERIAL,
     PLASTICITY,
     SELF,
-    SLIDING,
     Inputs,
     State,
     Work,
@@ -316,10 +315,9 @@ class Cable:
         """Set the directions of the constraint rows to those of the grasps at time t."""
         self.call(between_steps.turn_to, t)
 
-    def put_slides(self, t: float) -> None:
-        """Put the grippers of the grasps that slide to where they are at time t."""
-        if self.model.has(SLIDING):
-            self.call(sliding.put_slides, t)
+    def pull(self, t: float) -> None:
+        """Let what gives, or lets the cable slide, hold it where its grippers are at time t."""
+        self.call(between_steps.pull, t)
 
     def place_obstacles(self, t: float) -> None:
         """Set the poses of the obstacles at time t."""

@@ -15,7 +15,6 @@ from dlo_sim.engine.grasps import ACTIVE
 from dlo_sim.methods import between_steps
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.bodies import motion_of, write
-from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import Geometries, Geometry, given_quaternion, known_holder
 from dlo_sim.simulation.timeline import WaitingMotions
 
@@ -68,17 +67,11 @@ class EndDrive:
         motion[:] = self.motion
         self.motion = motion
 
-    def place_at(self, end: str, t: float) -> Array:
-        """Attachment point [m] at time t, shape (3,)."""
-        out = np.empty(3)
-        between_steps.grasp_place(np.ascontiguousarray(self.motion[self._rows[end]]), t, out)
-        return out
-
-    def direction_at(self, end: str, t: float) -> Array:
-        """`tangent` by the compiled motion, which takes a tenth of the time, but for round-off."""
-        out = np.empty(3)
-        between_steps.grasp_direction(np.ascontiguousarray(self.motion[self._rows[end]]), t, out)
-        return out
+    def held_at(self, end: str, t: float) -> tuple[Array, Array]:
+        """Attachment point [m] and direction of the cable at time t."""
+        out = np.empty(6)
+        between_steps.place_of_grasp(np.ascontiguousarray(self.motion[self._rows[end]]), t, out)
+        return out[:3], out[3:]
 
     def state_of(self, end: str) -> tuple[Array, EndMotion]:
         """Pose and motion of an end effector, for `set_state`."""
@@ -102,7 +95,7 @@ class EndDrive:
 
     def tangent(self, end: str, t: float) -> Array:
         """Direction of the cable at a clamped end, world frame, start towards end."""
-        return rotations.rotate(self.orientation(end, t), self._direction(end))
+        return self.held_at(end, t)[1]
 
     def put(self, points: Array, t: float, twists: Array, anew: bool = False) -> None:
         """Write the entries of control points (n, 4) that the ends prescribe at time t, with these
@@ -115,12 +108,12 @@ class EndDrive:
         for name, end in self._scene.ends.items():
             start = name == "start"
             outer, inner = (0, 1) if start else (n - 1, n - 2)
-            place = self.place_at(name, t)
+            place, direction = self.held_at(name, t)
             for axis in range(3):
                 if end.fixed[axis]:
                     points[outer, axis] = place[axis]
             if end.clamped:
-                direction = self.tangent(name, t) * (1.0 if start else -1.0)
+                direction *= 1.0 if start else -1.0
                 along = float(((points[inner, :3] - place) * direction).sum())
                 if anew or abs(along) < LEAST_THIRD * self._thirds[name]:
                     along = self._thirds[name]
@@ -133,16 +126,6 @@ class EndDrive:
     def rest_at(self, end: str, position: Array, orientation: Array) -> None:
         """Rest at a pose."""
         self._write(end, EndMotion.resting(position, orientation))
-
-    def pull_springs(self, cable: Cable, t: float) -> None:
-        """Let what gives pull a cable to where the end effectors are at time t."""
-        model, names, twists = cable.model, list(self._rows), cable.held_twists(t)
-        for k, spring in enumerate(model.holding.springs):
-            held = self.tangent if spring.aims else self.place_at
-            target = np.append(held(names[spring.grasp], t), twists[spring.grasp])
-            cable.anchors[k] = target[model.columns[spring.line]]
-        cable.arrays.state.anchor_counted[:] = cable.anchors
-        cable.put_slides(t)
 
     def place(
         self,

@@ -48,7 +48,7 @@ def take_over(sim: Running, other: Running) -> None:
             twists[row] = sim.curve.twist_at(at, points)
     sim.cable.count_twists(0.0, enumerate(twists))
     sim.cable.take_contact(other.cable, other.time)
-    sim.ends.pull_springs(sim.cable, sim.time)
+    sim.cable.pull(sim.time)
     sim.ends.put(points, 0.0, twists)
     sim.cable.point_grasps(0.0)
     sim.cable.put(points, rates, 0.0)

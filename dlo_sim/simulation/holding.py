@@ -68,8 +68,8 @@ class Row:
     Attributes:
         point: index in `Holding.points`. grasp: -1 between two branches.
         stiffness: of a spring [N/m], of r' or the twist [N m/rad]; infinite: the row is rigid.
-        aims: whether a spring for r' aims at the direction of its grasp. xi: local coordinate of a
-            roll spring in its knot span, -1 to 1.
+        aims: whether a spring for r' aims at the direction of its grasp. xi: of the twist, local
+            coordinate in its knot span, -1 to 1.
     """
 
     point: int
@@ -185,7 +185,8 @@ def holding_of(
             for x, y, z in across(geometry, axes):
                 holding.rows.append(Row(point, grasp, -1, (x, y, z)))
         if holder.clamped and is_end and twist:
-            holding.rows.append(Row(holding.hold(replace(spot, twist=True)), grasp, len(axes)))
+            point, xi = holding.hold(replace(spot, twist=True)), -1.0 if name == "start" else 1.0
+            holding.rows.append(Row(point, grasp, len(axes), xi=xi))
         if is_end:
             holding.springs += _springs(holding, spot, grasp, ends[grasp], axes)
         else:

@@ -580,7 +580,7 @@ class Running:
         shape of the scene.
         """
         self.ends.live_in(self.cable.motion)
-        self.ends.pull_springs(self.cable, self.time)
+        self.cable.pull(self.time)
         self.cable.point_grasps(self.time if self.steps else 0.0)
         self.cable.place_obstacles(self.time)
         self.natural = NaturalShape(self.cable, self.start_orientation)

@@ -324,7 +324,7 @@ class FirstShape:
         twists = self._cable.held_twists(0.0)
         self._cable.motion[:] = self._ends.motion
         self._cable.count_twists(0.0, enumerate(twists))
-        self._ends.pull_springs(self._cable, 0.0)
+        self._cable.pull(0.0)
         self._cable.point_grasps(0.0)
 
     def _put_on(self, way: _Way, share: float, points: Array, anew: bool = False) -> None:

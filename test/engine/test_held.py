@@ -105,7 +105,7 @@ def test_a_drift_places_what_is_held_exactly_and_leaves_the_clamps_length_free(c
     cable.jump(0.3, lambda points: None)
     rows, targets = clamped.held(0.3)
     assert np.abs(rows @ flat(cable.x) - targets).max() < 1e-14
-    assert np.array_equal(cable.x[:3, 0], clamped.drive.place_at("start", 0.3))  # to the last bit
+    assert np.array_equal(cable.x[:3, 0], clamped.drive.held_at("start", 0.3)[0])  # to the last bit
     arm = cable.x[:3, 1] - cable.x[:3, 0]
     tangent = clamped.drive.tangent("start", 0.3)
     assert np.abs(np.cross(arm, tangent)).max() < 1e-14
