@@ -16,6 +16,7 @@ from dlo_sim.methods import between_steps
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.bodies import motion_of, write
 from dlo_sim.simulation.geometry import Geometries, Geometry, given_quaternion, known_holder
+from dlo_sim.simulation.holding import across
 from dlo_sim.simulation.timeline import WaitingMotions
 
 Array = NDArray[np.float64]
@@ -58,9 +59,7 @@ class EndDrive:
         arm = rotations.rotate(turn, geometry.attachment - geometry.position)
         row[grasps.ATTACHMENT : grasps.ATTACHMENT + 3] = arm
         row[grasps.DIRECTION : grasps.DIRECTION + 3] = geometry.tangent
-        helper = np.eye(3)[np.argmin(np.abs(geometry.tangent))]
-        director = np.cross(geometry.tangent, helper)
-        row[grasps.DIRECTOR : grasps.DIRECTOR + 3] = director / math.hypot(*director)
+        row[grasps.DIRECTOR : grasps.DIRECTOR + 3] = across(geometry, (0, 1, 2))[0]
 
     def live_in(self, motion: Array) -> None:
         """From now on write to `motion`, a view of the inputs."""
@@ -122,10 +121,6 @@ class EndDrive:
                 if anew or np.abs(points[inner, :3] - at).max() > 1e-3 * self._near:
                     points[inner, :3] = at
                 points[outer, 3] = twists[self._rows[name]]
-
-    def rest_at(self, end: str, position: Array, orientation: Array) -> None:
-        """Rest at a pose."""
-        self._write(end, EndMotion.resting(position, orientation))
 
     def place(
         self,

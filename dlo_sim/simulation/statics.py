@@ -38,6 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, mass, rotations
+from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine.arrays import (
     ANY_STRETCH,
     BISHOP,
@@ -320,7 +321,8 @@ class FirstShape:
     def _place_ends(self, way: _Way, share: float) -> None:
         """Put what holds the cable at a share of the way."""
         for name, geometry in way.at(share).items():
-            self._ends.rest_at(name, geometry.position, geometry.orientation)
+            resting = EndMotion.resting(geometry.position, geometry.orientation)
+            self._ends.go_on(name, resting)
         twists = self._cable.held_twists(0.0)
         self._cable.motion[:] = self._ends.motion
         self._cable.count_twists(0.0, enumerate(twists))
