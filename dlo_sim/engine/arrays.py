@@ -256,8 +256,8 @@ class State(Group):
     reaction = Reals("rigid")  # mean force over the last step
     reaction_before = Reals("rigid")  # over the step before
     tension = Lanes("blocks", "samples")  # over EA, as last predicted (`engine.tension`)
-    anchor = Reals("springs")  # target of each spring
-    anchor_counted = Reals("springs")  # targets up to which the account has the work
+    anchor = Reals("rows")  # targets of the springs, behind the rigid rows
+    anchor_counted = Reals("rows")  # targets up to which the account has the work
     slide = Reals("slides")  # material coordinate that it holds [m], or `sliding.LOST`
     slide_pose = Reals("slides", 12)  # of its gripper at the start and the end of a step, by line
     frame = Reals("grasps", FRAME_SIZE)  # in which a gripper's twist angle counts (`engine.grasps`)

@@ -64,7 +64,7 @@ from dlo_sim.engine.spans import (
     tangent_at,
     twist_rate,
 )
-from dlo_sim.engine.springs import rolls, row_of, spring_stiffness, spring_value
+from dlo_sim.engine.springs import rolls, spring_value
 from dlo_sim.engine.term import ENERGY, FORCE
 from dlo_sim.terms.material_frame import unit
 from dlo_sim.terms.vectors import combined, cross, dot
@@ -298,10 +298,9 @@ def follow_springs(cable, psi, x, t):
     energy, by the error of psi and by the path of the tangent, counts as work of the grasp.
     """
     rows, points, state = cable.rows, cable.points, cable.state
-    for k in range(rows.springs):
+    for k in range(rows.count, rows.count + rows.springs):
         if rolls(cable, k):
-            row = row_of(cable, k)
-            grasp, point, xi = rows.grasp[row], rows.point[row], rows.xi[row]
+            grasp, point, xi = rows.grasp[k], rows.point[k], rows.xi[k]
             span = points.first[point]
             m, share = cable.inputs.motion[grasp], 0.0
             r, old = rotation_at(m, t), span_tangent(cable, state.reference, span, xi)
@@ -316,7 +315,7 @@ def follow_springs(cable, psi, x, t):
             value = spring_value(cable, k, x)
             before = state.anchor[k] - (value - share)
             after = state.anchor[k] + moved - value
-            work = 0.5 * spring_stiffness(cable, k) * (after - before) * (after + before)
+            work = 0.5 * rows.stiffness[k] * (after - before) * (after + before)
             state.balance.drive_work += work
             state.anchor[k] += moved
             state.anchor_counted[k] += moved

@@ -49,10 +49,9 @@ def add_wrench(address, grasp, rows, points, about, out):
     for k in range(rows.count + rows.springs):
         if rows.grasp[k] != grasp:
             continue
-        spring, line, point = k - rows.count, rows.line[k], rows.point[k]
-        if spring >= 0:
-            apart = state.anchor[spring] - spring_value(cable, spring, state.x)
-            force = rows.stiffness[k] * apart
+        line, point = rows.line[k], rows.point[k]
+        if k >= rows.count:
+            force = rows.stiffness[k] * (state.anchor[k] - spring_value(cable, k, state.x))
         elif len(given) > 0:
             force = given[k]
         elif state.balance.reactions > 1.0:

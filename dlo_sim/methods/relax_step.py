@@ -104,8 +104,8 @@ def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
                 follow_natural(cable, x)
             if cable.terms & BISHOP:
                 copy(x, state.reference)
-        for k in range(len(state.anchor) if rolls else 0):
-            state.anchor[k] = anchors[k]
+        for k in range(cable.rows.springs if rolls else 0):
+            state.anchor[cable.rows.count + k] = anchors[k]
         if last <= converged * moved or last < exact:
             return iteration, moved
     return 0, 0.0

@@ -228,7 +228,7 @@ class Cable:
     @property
     def anchors(self) -> Array:
         """Target values of the springs, a view of shape (springs,)."""
-        return self.arrays.state.anchor
+        return self.arrays.state.anchor[len(self.model.holding.rows) :]
 
     @property
     def slides(self) -> Array:
