@@ -334,7 +334,7 @@ class Work(Group):
     before = Reals("lines", "columns")  # positions at the start of a step with a sample time
     rates = Reals("rigid")  # of the targets, or residuals of the constraints
     targets = Reals("rigid")
-    held = Reals("grasps", 22)  # of grasps at a requested time (`rows.ROTATION` to RATES)
+    held = Reals("grasps", 23)  # of grasps at a requested time (`rows.ROTATION` to RATES)
     ahead = Reals("rigid", 3)  # directions at a requested time
     system = Reals("rigid", "rigid")  # S
     multipliers = Reals("rigid")  # S^-1 times `rates`

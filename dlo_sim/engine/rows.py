@@ -48,8 +48,8 @@ from dlo_sim.engine.lines import add, kinetic
 from dlo_sim.engine.spans import store_three, three
 from dlo_sim.terms.vectors import cross
 
-# Entries of `work.held`: by rows, attachment point, direction, rates (`grasps.rates`).
-ROTATION, PLACE, AIM, RATES = 0, 9, 12, 15
+# Entries of `work.held`: by rows, attachment point, direction, twist angle; rates (`grasps.rates`).
+ROTATION, PLACE, AIM, TWIST, RATES = 0, 9, 12, 15, 16
 
 # -- values and shifts --------------------------------------------------------------------------
 
@@ -251,7 +251,7 @@ def grasps_move(cable):
 
 @kernel(void, CABLE, float64)
 def set_held(cable, t):
-    """Set the poses of the grasps in `work.held` to those at time t."""
+    """Set the poses of the grasps in `work.held`, but for the twist, to those at time t."""
     for g in range(cable.grasps):
         m, held = cable.inputs.motion[g], cable.work.held[g]
         r = rotation_at(m, t)
@@ -263,12 +263,11 @@ def set_held(cable, t):
 
 @kernel(void, CABLE, float64)
 def keep_frames(cable, t):
-    """Count the twist angles of moving grasps from the pose in `work.held` on, that at time t."""
+    """Count the twist angles of moving grasps from those in `work.held`, at time t, on."""
     for g in range(cable.grasps):
-        m, frame, held = cable.inputs.motion[g], cable.state.frame[g], cable.work.held[g]
+        m, held = cable.inputs.motion[g], cable.work.held[g]
         if moves(m):
-            angle = prescribed_twist(m, frame, t, held)
-            count_from(m, frame, t, held, three(held, AIM), angle)
+            count_from(m, cable.state.frame[g], t, held, three(held, AIM), held[TWIST])
 
 
 @inline
@@ -287,28 +286,31 @@ def set_held_rates(cable, t):
 
 
 @inline
-def target_of(cable, k, t):
-    """Target of a row or spring k whose direction does not turn, at time t, after `set_held`: twist
-    angle of its grasp, or a coordinate of its attachment point or direction; 0 between branches.
+def target_of(cable, k):
+    """Target of a row or spring k whose direction does not turn: twist angle of its grasp in
+    `work.held`, or a coordinate of its attachment point or direction; 0 between branches.
     """
     line, g = cable.rows.line[k], cable.rows.grasp[k]
     if g < 0:
         return 0.0
     held = cable.work.held[g]
     if line == cable.dim:
-        return prescribed_twist(cable.inputs.motion[g], cable.state.frame[g], t, held)
+        return held[TWIST]
     return held[(AIM if cable.rows.aims[k] else PLACE) + cable.axes[line]]
 
 
 @kernel(void, CABLE, float64)
 def set_targets(cable, t):
-    """Set work.targets and the turning directions in work.ahead to those at time t."""
+    """Set `work.held`, work.targets and the turning directions in work.ahead to those at time t."""
     rows, work = cable.rows, cable.work
     set_held(cable, t)
+    for g in range(cable.grasps):
+        held = work.held[g]
+        held[TWIST] = prescribed_twist(cable.inputs.motion[g], cable.state.frame[g], t, held)
     for k in range(rows.count):
         share = cable.points.sum[rows.point[k]]
         if not turns(cable, k):
-            work.targets[k] = share * target_of(cable, k, t)
+            work.targets[k] = share * target_of(cable, k)
             continue
         e, target = direction_of(cable, k), 0.0
         for d in range(cable.dim):

@@ -307,7 +307,7 @@ def slide_tangent(cable, slips, x0, x1, scale, band):
 
 @kernel(void, CABLE, terms=SLIDING)
 def move_slides(cable):
-    """Move the grippers to where they are at the end of the step, after `set_held`."""
+    """Move the grippers to where they are in `work.held`, at the end of the step."""
     for k in range(cable.slides.count):
         if moves(cable.inputs.motion[cable.slides.grasp[k]]):
             place_slide(cable, k)

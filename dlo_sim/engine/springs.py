@@ -87,20 +87,20 @@ def spring_energy(cable, x):
     return energy
 
 
-@kernel(void, CABLE, float64, terms=SPRUNG)
-def move_anchors(cable, t):
-    """Set the anchors of moving grasps to their values at time t, after `set_held`."""
+@kernel(void, CABLE, terms=SPRUNG)
+def move_anchors(cable):
+    """Set the anchors of moving grasps to their values in `work.held`."""
     for k in range(cable.rows.count, cable.rows.count + cable.rows.springs):
         grasp = cable.rows.grasp[k]
         if grasp >= 0 and moves(cable.inputs.motion[grasp]):
-            cable.state.anchor[k] = target_of(cable, k, t)
+            cable.state.anchor[k] = target_of(cable, k)
 
 
-@kernel(void, CABLE, float64, terms=SPRUNG)
-def put_anchors(cable, t):
-    """Set all anchors to their values at time t, after `set_held`, without work."""
+@kernel(void, CABLE, terms=SPRUNG)
+def put_anchors(cable):
+    """Set all anchors to their values in `work.held`, without work."""
     for k in range(cable.rows.count, cable.rows.count + cable.rows.springs):
-        cable.state.anchor[k] = target_of(cable, k, t)
+        cable.state.anchor[k] = target_of(cable, k)
     accept_anchors(cable)
 
 

@@ -62,7 +62,6 @@ from dlo_sim.engine.rows import (
     grasps_move,
     project,
     row_value,
-    set_held,
     set_targets,
     take_directions,
     target_rates,
@@ -339,8 +338,8 @@ def jump(address, t):
     """
     cable = cable_at(address)
     carry(cable, cable.state.x, cable.state.w, t, 0.0)
-    set_held(cable, t)
-    move_anchors(cable, t)
+    set_targets(cable, t)
+    move_anchors(cable)
     jump_slides(cable)
 
 
@@ -350,8 +349,8 @@ def pull(address, t):
     time t, without work.
     """
     cable = cable_at(address)
-    set_held(cable, t)
-    put_anchors(cable, t)
+    set_targets(cable, t)
+    put_anchors(cable)
     jump_slides(cable)
 
 

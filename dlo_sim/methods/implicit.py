@@ -306,7 +306,7 @@ def begin_step(cable, t0, tau):
         add_shifts(cable, 1.0, state.x)
         for k in range(cable.rows.count):
             pin(cable, k, work.targets[k], state.x)
-        move_anchors(cable, t0 + tau)
+        move_anchors(cable)
         move_slides(cable)
     else:
         keep_constraints(cable)
