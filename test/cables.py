@@ -170,7 +170,7 @@ class Bench:
             if load.signal != "none":
                 row[:6] = [*load.force, *load.torque]
             row[6] = load.frequency if load.signal == "sine" else 0.0
-        self.pull_to(0.0)
+        self.cable.pull(0.0)
         self.cable.point_grasps(0.0)
         if self.model.has(CURVED) and any(self.scene.cable.rest_curvature):
             natural = natural_rows(self.model, np.array([1.0, 0.0, 0.0]))
@@ -178,11 +178,10 @@ class Bench:
             rows = turned_rows(rows, local_turn(np.eye(3), self.model.axes))
             self.cable.natural = rows
 
-    def pull_to(self, t):
-        """Put the anchors of the springs where they are at time t."""
-        for k, spring in enumerate(self.model.holding.springs):
-            place = self.drive.place_at(list(self.scene.holders)[spring.grasp], t)
-            self.cable.anchors[k] = place[self.axes[spring.line]]
+    def placed(self, grasp, t):
+        """Attachment point and twist angle of a grasp at time t."""
+        name = list(self.scene.holders)[grasp]
+        return np.append(self.drive.held_at(name, t)[0], self.cable.held_twists(t)[grasp])
 
     def put(self, points):
         """Make a configuration the present one."""
@@ -238,7 +237,7 @@ class Bench:
             full = np.zeros((self.n, self.model.lines))
             full[point.first : point.first + 4] = np.outer(point.weights, along)
             rows.append(full.ravel())
-            place = self.drive.place_at(end, t)[columns]
+            place = self.placed(row.grasp, t)[columns]
             values.append(sum(point.weights) * along @ place)
         return np.array(rows), np.array(values)
 
@@ -293,7 +292,7 @@ class Reference:
     def acceleration(self, t, q, v):
         """a(t, q, v), all of shape (n, lines)."""
         bench = self.bench
-        bench.pull_to(t)
+        bench.cable.pull(t)
         columns = [bench.model.to_columns(x.T, rest=rest) for x, rest in ((q, True), (v, False))]
         force = bench.model.to_lines(bench.force(*columns, t)).T.ravel()
         (rows, _), (turning, _), (more, asked) = (self.rows(t, k) for k in range(3))

@@ -18,7 +18,8 @@ MARGIN = 3  # columns before the first control point
 PADDING = 16  # zeros before and behind a vector of all unknowns
 MOST_CORRECTIONS = 14  # of one implicit step with one matrix
 MOST_STAGES = 4  # of a Runge-Kutta method
-MOTION_SIZE = 34  # numbers of the motion of a grasp (`engine.grasps`)
+FRAME_SIZE = 8  # numbers of `State.frame`
+MOTION_SIZE = 36  # numbers of the motion of a grasp (`engine.grasps`)
 
 # Bits of the active terms.
 STRETCH = 1
@@ -167,7 +168,7 @@ class Rows(Group):
     body = Reals("rows", 3)  # that direction in the frame of the grasp
     stiffness = Reals("rows")  # [N/m], or [N m/rad] of r' and of the twist
     aims = Wholes("rows")  # 1 if the target is the direction of the grasp
-    xi = Reals("rows")  # local coordinate of a roll spring
+    xi = Reals("rows")  # of the twist: local coordinate in its span
 
 
 class Slides(Group):
@@ -255,11 +256,11 @@ class State(Group):
     reaction = Reals("rigid")  # mean force over the last step
     reaction_before = Reals("rigid")  # over the step before
     tension = Lanes("blocks", "samples")  # over EA, as last predicted (`engine.tension`)
-    anchor = Reals("springs")  # target of each spring
-    anchor_counted = Reals("springs")  # targets up to which the account has the work
+    anchor = Reals("rows")  # targets of the springs, behind the rigid rows
+    anchor_counted = Reals("rows")  # targets up to which the account has the work
     slide = Reals("slides")  # material coordinate that it holds [m], or `sliding.LOST`
     slide_pose = Reals("slides", 12)  # of its gripper at the start and the end of a step, by line
-    frame_turn = Reals("frame_grasps")  # lag of the frame of theta behind the grasp's [rad]
+    frame = Reals("grasps", FRAME_SIZE)  # in which a gripper's twist angle counts (`engine.grasps`)
     matrix = Reals("unknowns", "width")  # LU factors of the last Newton matrix
     energy = Reals(len(ENERGIES))  # potential energies [J]
     energy_begin = Reals(len(ENERGIES))  # the same at the start of the account
@@ -333,7 +334,7 @@ class Work(Group):
     before = Reals("lines", "columns")  # positions at the start of a step with a sample time
     rates = Reals("rigid")  # of the targets, or residuals of the constraints
     targets = Reals("rigid")
-    held = Reals("grasps", 20)  # of grasps at a requested time (`rows.ROTATION` to RATES)
+    held = Reals("grasps", 23)  # of grasps at a requested time (`rows.ROTATION` to RATES)
     ahead = Reals("rigid", 3)  # directions at a requested time
     system = Reals("rigid", "rigid")  # S
     multipliers = Reals("rigid")  # S^-1 times `rates`

@@ -38,6 +38,7 @@ from dlo_sim.engine.arrays import (
 )
 from dlo_sim.engine.elastic import add_tangent, discrete_force, elastic_energy, elastic_force
 from dlo_sim.engine.natural_curvature import natural_force
+from dlo_sim.engine.rows import keep_frames
 from dlo_sim.engine.springs import spring_energy, spring_force
 
 
@@ -134,10 +135,11 @@ def add_damping_tangent(cable, x, moved, scale, band):
 
 
 @inline
-def flow(cable):
-    """Update the internal variables of the terms at the end of a step. Return whether that may
-    change the forces, so that the next step must evaluate them again.
+def flow(cable, t):
+    """Update the internal variables of the terms at the end of a step, at time t. Return whether
+    that may change the forces, so that the next step must evaluate them again.
     """
-    bishop.follow_shape(cable)
+    keep_frames(cable, t)
+    bishop.follow_shape(cable, t)
     plasticity.plastic_flow(cable)
     return cable.terms & (BISHOP | PLASTICITY) != 0

@@ -20,10 +20,9 @@ exact integral of tau at the end of the cable (`cable_turned`). The rest of tau 
 error, which would accumulate with every turn of the cable; it is dropped, and its energy counts as
 dissipated.
 
-The angle that a gripper prescribes refers to a frame that follows the tangent directly from its
-direction at the start of the motion. `state.frame_turn` is the lag of theta's frame behind that
-one: the psi added so far, minus the area on the unit sphere between the two paths of the tangent.
-It is known at the end of a step, so this part of the angle of a moving clamp is one step late.
+The angle that a gripper prescribes counts in the same frame (`engine.grasps`): the tangent at a
+clamp at the end of a step is the gripper's direction, so it is known within the step. A roll spring
+sees the tangent of the cable at the start of the step.
 """
 
 from __future__ import annotations
@@ -44,7 +43,15 @@ from dlo_sim.engine.arrays import (
     TWISTING,
     VECTOR,
 )
-from dlo_sim.engine.grasps import first_direction
+from dlo_sim.engine.grasps import (
+    ANGLE,
+    angle_about,
+    carried,
+    count_from,
+    director_at,
+    nearest,
+    rotation_at,
+)
 from dlo_sim.engine.lines import copy, solve_line
 from dlo_sim.engine.natural_curvature import follow_natural, rest_twist_at
 from dlo_sim.engine.spans import (
@@ -57,8 +64,8 @@ from dlo_sim.engine.spans import (
     tangent_at,
     twist_rate,
 )
-from dlo_sim.engine.springs import rolls, row_of, spring_stiffness, spring_value
-from dlo_sim.engine.term import ENERGY, FLOW, FORCE
+from dlo_sim.engine.springs import rolls, spring_value
+from dlo_sim.engine.term import ENERGY, FORCE
 from dlo_sim.terms.material_frame import unit
 from dlo_sim.terms.vectors import combined, cross, dot
 
@@ -184,21 +191,6 @@ def squares_lost(cable, x, rates, psi):
 
 
 @inline
-def normalised(v0, v1, v2):
-    """Unit vector along numbers v."""
-    inverse = 1.0 / np.sqrt(v0 * v0 + v1 * v1 + v2 * v2)
-    return inverse * v0, inverse * v1, inverse * v2
-
-
-@inline
-def edge(cable, x, own):
-    """Unit tangent at the end of the cable with control point `own`."""
-    at = MARGIN + max(own, 1)
-    v2 = x[2, at] - x[2, at - 1] if cable.dim == 3 else 0.0
-    return normalised(x[0, at] - x[0, at - 1], x[1, at] - x[1, at - 1], v2)
-
-
-@inline
 def span_tangent(cable, x, span, xi):
     """Unit tangent of one span at a local coordinate."""
     b, own = span // LANES, span % LANES
@@ -211,7 +203,8 @@ def span_tangent(cable, x, span, xi):
         t1 += slope * x[1, at]
         if cable.dim == 3:
             t2 += slope * x[2, at]
-    return normalised(t0, t1, t2)
+    inverse = 1.0 / np.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
+    return inverse * t0, inverse * t1, inverse * t2
 
 
 @inline
@@ -220,17 +213,7 @@ def half_area(a, b, c):
     unit vectors a, b, c. A frame transported a -> b -> c by the smallest rotations leads one
     transported a -> c by this area.
     """
-    triple = a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2])
-    triple += a[2] * (b[0] * c[1] - b[1] * c[0])
-    sides = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + b[0] * c[0] + b[1] * c[1] + b[2] * c[2]
-    return 1.0 + sides + c[0] * a[0] + c[1] * a[1] + c[2] * a[2], triple
-
-
-@inline
-def area(a, b, c):
-    """Signed area of the spherical triangle of unit vectors a, b, c."""
-    cosine, sine = half_area(a, b, c)
-    return 2.0 * np.arctan2(sine, cosine)
+    return 1.0 + dot(a, b) + dot(b, c) + dot(c, a), dot(a, cross(b, c))
 
 
 @inline
@@ -249,29 +232,26 @@ def twice_angle(whole, guess):
 
 
 @inline
-def turn_by_arcs(cable, x, last, end, arcs, guess):
-    """Integral of tau up to the local coordinate `end` of span `last`: the angle by which the frame
-    carried along in time leads the one transported along the cable.
+def turn_by_arcs(cable, x, m, r, last, end, arcs, guess):
+    """Integral of tau up to the local coordinate `end` of span `last`: the angle by which the
+    director of the grasp (`director_at`), transported along the cable and then in time, leads that
+    transported in time and then along the cable, with `arcs` chords per span.
 
-    It is the area between the old and the new tangent curve on the unit sphere, summed over
-    spherical triangles with `arcs` chords per span; the chord error depends on the shapes alone and
-    does not accumulate. The area is known up to multiples of two turns; of these values the one
-    closest to `guess` is returned.
+    The chord error depends on the shapes alone and does not accumulate. Of the angle, known up to
+    whole turns, the value closest to `guess` is returned.
     """
-    reference, whole = cable.state.reference, (1.0, 0.0)
+    reference = cable.state.reference
     old, new = span_tangent(cable, reference, 0, -1.0), span_tangent(cable, x, 0, -1.0)
+    before = director_at(m, r, old)
+    after = carried(old, new, before)
     for arc in range(arcs * (last + 1)):
         older, newer = old, new
         span = arc // arcs
         length = end + 1.0 if span == last else 2.0
         xi = length * (arc % arcs + 1) / arcs - 1.0
         old, new = span_tangent(cable, reference, span, xi), span_tangent(cable, x, span, xi)
-        c, s = half_area(older, old, new)
-        d, t = half_area(older, newer, new)
-        c, s = c * d + s * t, s * d - c * t
-        scale = 1.0 / np.sqrt(c * c + s * s)
-        whole = joined(whole, (scale * c, scale * s))
-    return twice_angle(whole, guess)
+        before, after = carried(older, old, before), carried(newer, new, after)
+    return nearest(angle_about(new, after, carried(old, new, before)), guess)
 
 
 @inline
@@ -312,38 +292,41 @@ def cable_turned(cable, x, guess):
     return (4.0 * angle_of(fine, guess) - angle_of(coarse, guess)) / 3.0
 
 
-@kernel(void, CABLE, VECTOR, LINES, terms=SPRUNG)
-def follow_springs(cable, psi, x):
+@kernel(void, CABLE, VECTOR, LINES, float64, terms=SPRUNG)
+def follow_springs(cable, psi, x, t):
     """Transform the anchors of the roll springs to the new frame of theta. The change of spring
     energy, by the error of psi and by the path of the tangent, counts as work of the grasp.
     """
     rows, points, state = cable.rows, cable.points, cable.state
-    for k in range(rows.springs):
+    for k in range(rows.count, rows.count + rows.springs):
         if rolls(cable, k):
-            row = row_of(cable, k)
-            grasp, point, xi = rows.grasp[row], rows.point[row], rows.xi[row]
+            grasp, point, xi = rows.grasp[k], rows.point[k], rows.xi[k]
             span = points.first[point]
-            begin = first_direction(cable.inputs.motion[grasp])
-            old = span_tangent(cable, state.reference, span, xi)
-            turned, share = area(begin, old, span_tangent(cable, x, span, xi)), 0.0
+            m, share = cable.inputs.motion[grasp], 0.0
+            r, old = rotation_at(m, t), span_tangent(cable, state.reference, span, xi)
+            new = span_tangent(cable, x, span, xi)
             for q in range(4):
                 share += points.weights[point, q] * psi[MARGIN + span + q]
             # Richardson extrapolation, as the error of `turn_by_arcs` is of second order
-            coarse = turn_by_arcs(cable, x, span, xi, 1, share)
-            moved = (4.0 * turn_by_arcs(cable, x, span, xi, 2, share) - coarse) / 3.0 - turned
+            coarse = turn_by_arcs(cable, x, m, r, span, xi, 1, share)
+            moved = (4.0 * turn_by_arcs(cable, x, m, r, span, xi, 2, share) - coarse) / 3.0
+            turned = carried(old, new, director_at(m, r, old))
+            moved += angle_about(new, turned, director_at(m, r, new))
             value = spring_value(cable, k, x)
             before = state.anchor[k] - (value - share)
             after = state.anchor[k] + moved - value
-            work = 0.5 * spring_stiffness(cable, k) * (after - before) * (after + before)
+            work = 0.5 * rows.stiffness[k] * (after - before) * (after + before)
             state.balance.drive_work += work
-            state.frame_turn[grasp] += moved
             state.anchor[k] += moved
             state.anchor_counted[k] += moved
+            count_from(m, state.frame[grasp], t, r, new, state.anchor[k])
 
 
-@kernel(*FLOW, terms=BISHOP)
-def follow_shape(cable):
-    """Transform theta and the angles of the grasps to the Bishop frame of the present shape."""
+@kernel(void, CABLE, float64, terms=BISHOP)
+def follow_shape(cable, t):
+    """Transform theta and the angles of the grasps to the Bishop frame of the present shape, at
+    time t.
+    """
     mesh, state, rows, n, twist = cable.mesh, cable.state, cable.rows, cable.n, cable.dim
     x, reference, psi, rates = state.x, state.reference, cable.work.psi, cable.work.tau
     for at in range(len(psi)):
@@ -374,9 +357,6 @@ def follow_shape(cable):
         state.history[1, twist, at] += psi[at]
     for k in range(rows.count):
         if rows.line[k] == twist:
-            own, grasp = cable.points.own[rows.point[k]], rows.grasp[k]
-            begin = first_direction(cable.inputs.motion[grasp])
-            turned = area(begin, edge(cable, reference, own), edge(cable, x, own))
-            state.frame_turn[grasp] += psi[MARGIN + own] - turned
-    follow_springs(cable, psi, x)
+            state.frame[rows.grasp[k], ANGLE] += psi[MARGIN + cable.points.own[rows.point[k]]]
+    follow_springs(cable, psi, x, t)
     copy(x, reference)

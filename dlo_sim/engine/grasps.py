@@ -8,8 +8,18 @@ The motion m of a grasp is a row of `inputs.motion`, MOTION_SIZE numbers:
     21:27  rotation vector w1, w2 [rad/s, rad/s^2]: R(s) = exp(w1 s + w2 s^2) R0
     27:30  attachment point in the gripper's frame [m]
     30:33  unit direction of the cable, from start to end, in the gripper's frame
-    33     twist angle at s = 0 [rad]
+    33:36  unit vector normal to it, the gripper's director, in the gripper's frame
 with s = clip(t - start, 0, duration). World coordinates unless stated.
+
+A gripper that holds the roll prescribes the angle theta between a frame that follows the cable's
+tangent in time by the smallest rotations and its director. `state.frame` holds for each grasp where
+this is known, at the end of the last step:
+    0      the time [s]
+    1:4    the tangent there; of a clamp, the direction of the gripper
+    4:7    the director, turned to this tangent by the smallest rotation
+    7      theta [rad]
+Up to the end of a step, the frame follows the tangent from there by one smallest rotation. The
+angle that the director makes with it is exact then, but for whole turns, which the motion gives.
 """
 
 from __future__ import annotations
@@ -18,16 +28,20 @@ import numpy as np
 from numba import float64, types
 
 from dlo_sim.compiling.kernels import inline, kernel
-from dlo_sim.engine.arrays import BISHOP, VECTOR
+from dlo_sim.engine.arrays import VECTOR
+from dlo_sim.engine.spans import store_three, three
+from dlo_sim.terms.material_frame import transported
 from dlo_sim.terms.vectors import combined, cross, dot
 
-ACTIVE, START, DURATION, POSITION, FRAME, TURN, ATTACHMENT, DIRECTION, TWIST = (
+ACTIVE, START, DURATION, POSITION, FRAME, TURN, ATTACHMENT, DIRECTION, DIRECTOR = (
     *(0, 1, 2, 3, 12),
     *(21, 27, 30, 33),
 )
+TIME, TANGENT, NORMAL, ANGLE = 0, 1, 4, 7  # of a row of `state.frame`
+SMALLEST = 1e-14  # 1 + cosine of an angle that counts as half a turn
 
 
-THREE, FOUR, SEVEN, NINE = (types.UniTuple(float64, count) for count in (3, 4, 7, 9))
+THREE, SEVEN, NINE = (types.UniTuple(float64, count) for count in (3, 7, 9))
 
 
 @inline
@@ -113,59 +127,86 @@ def turned(m, t, v0, v1, v2):
 
 
 @inline
+def direction_by(m, r):
+    """Unit direction of the cable for the rotation matrix r."""
+    return times(r, 0, m[DIRECTION], m[DIRECTION + 1], m[DIRECTION + 2])
+
+
+@inline
 def direction_at(m, t):
     """Unit direction of the cable at time t."""
-    return turned(m, t, m[DIRECTION], m[DIRECTION + 1], m[DIRECTION + 2])
+    return direction_by(m, rotation_at(m, t))
 
 
 @inline
-def first_direction(m):
-    """Unit direction of the cable at s = 0."""
-    return times(m, FRAME, m[DIRECTION], m[DIRECTION + 1], m[DIRECTION + 2])
-
-
-@inline
-def place_at(m, t, r):
+def place_by(m, t, r):
     """`place`, with the rotation matrix r of that time."""
-    s, w = elapsed(m, t), turn_at(m, t)
+    s = elapsed(m, t)
     arm = times(r, 0, m[ATTACHMENT], m[ATTACHMENT + 1], m[ATTACHMENT + 2])
-    # Twist about the tangent: swing-twist split of exp([w]) about the tangent at s = 0.
-    angle = np.sqrt(dot(w, w))
-    twist = m[TWIST]
-    if angle > 0.0:
-        along = dot(w, first_direction(m)) / angle
-        # Whole turns are added. The rest of the half angle is at most a quarter turn, far from
-        # where the arctangent jumps: at half a turn, round-off would decide its sign.
-        turns = np.floor(angle / (2.0 * np.pi) + 0.5)
-        half = 0.5 * angle - np.pi * turns
-        twist += 2.0 * np.arctan2(np.sin(half) * along, np.cos(half))
-        twist += np.copysign(2.0 * np.pi * turns, along)
     return (
         m[POSITION] + s * (m[POSITION + 3] + s * m[POSITION + 6]) + arm[0],
         m[POSITION + 1] + s * (m[POSITION + 4] + s * m[POSITION + 7]) + arm[1],
         m[POSITION + 2] + s * (m[POSITION + 5] + s * m[POSITION + 8]) + arm[2],
-        twist,
     )
 
 
-@kernel(FOUR, VECTOR, float64)
+@kernel(THREE, VECTOR, float64)
 def place(m, t):
-    """Attachment point (3) [m] and twist angle [rad] at time t."""
-    return place_at(m, t, rotation_at(m, t))
+    """Attachment point [m] at time t."""
+    return place_by(m, t, rotation_at(m, t))
+
+
+# -- the twist angle ----------------------------------------------------------------------------
 
 
 @inline
-def prescribed_twist(cable, g, twist):
-    """The angle that grasp g prescribes for theta [rad], from its twist angle: the frame of theta
-    may lag behind that of the grasp (`engine.bishop`).
+def carried(a, b, v):
+    """A vector v normal to the unit vector a, turned with it to b by the smallest rotation; as it
+    is for half a turn, about v.
     """
-    return twist + (cable.state.frame_turn[g] if cable.terms & BISHOP else 0.0)
+    return transported(v, a, b) if 1.0 + dot(a, b) > SMALLEST else v
 
 
-@kernel(SEVEN, VECTOR, float64, VECTOR)
-def rates(m, t, r):
-    """Velocity of the attachment point (3), twist rate and angular velocity (3) at time t, with
-    the rotation matrix r there.
+@inline
+def angle_about(axis, a, b):
+    """Angle [rad] from a to b, both normal to a unit axis, within half a turn."""
+    return np.arctan2(dot(axis, cross(a, b)), dot(a, b))
+
+
+@inline
+def nearest(angle, guess):
+    """Of the angles that differ from `angle` by whole turns the one closest to `guess`."""
+    return angle + 2.0 * np.pi * np.floor((guess - angle) / (2.0 * np.pi) + 0.5)
+
+
+@inline
+def director_at(m, r, tangent):
+    """The director, with the rotation matrix r, turned to this tangent."""
+    e = times(r, 0, m[DIRECTOR], m[DIRECTOR + 1], m[DIRECTOR + 2])
+    return carried(direction_by(m, r), tangent, e)
+
+
+@inline
+def prescribed_twist(m, frame, t, r):
+    """theta [rad] that the gripper prescribes at time t, with the rotation matrix r there."""
+    tangent = three(frame, TANGENT)
+    angle = angle_about(tangent, three(frame, NORMAL), director_at(m, r, tangent))
+    rolled = dot(combined(1.0, turn_at(m, t), -1.0, turn_at(m, frame[TIME])), tangent)
+    return frame[ANGLE] + nearest(angle, rolled)
+
+
+@inline
+def count_from(m, frame, t, r, tangent, angle):
+    """theta is this angle at time t, where the cable has this tangent."""
+    frame[TIME], frame[ANGLE] = t, angle
+    store_three(frame, TANGENT, tangent)
+    store_three(frame, NORMAL, director_at(m, r, tangent))
+
+
+@kernel(SEVEN, VECTOR, float64, VECTOR, VECTOR)
+def rates(m, t, r, frame):
+    """Velocity of the attachment point (3), rate of `prescribed_twist` and angular velocity (3) at
+    time t, with the rotation matrix r there.
     """
     s = t - m[START]
     slack = 1e-9 * m[DURATION]  # t is rounded, and a step may end exactly with the motion
@@ -195,8 +236,8 @@ def rates(m, t, r):
         rate[2] + a * x[2] + b * y[2],
     )
     around = cross(omega, times(r, 0, m[ATTACHMENT], m[ATTACHMENT + 1], m[ATTACHMENT + 2]))
-    # Rate of the swing-twist angle: omega.(d + d0) / (1 + d.d0), directions now and at s = 0.
-    d, d0 = times(r, 0, m[DIRECTION], m[DIRECTION + 1], m[DIRECTION + 2]), first_direction(m)
+    # Of a frame that turns from the tangent d0 to d by the smallest rotation.
+    d, d0 = direction_by(m, r), three(frame, TANGENT)
     both = 1.0 + dot(d, d0)
     twist = 0.0
     if both > 0.0:

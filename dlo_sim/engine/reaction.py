@@ -7,11 +7,11 @@ from numba import boolean, int64
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, inline, kernel
 from dlo_sim.engine.arrays import SLIDING, cable_at
-from dlo_sim.engine.bishop import edge, span_tangent
+from dlo_sim.engine.bishop import span_tangent
 from dlo_sim.engine.frames import write_points
 from dlo_sim.engine.grasps import component
 from dlo_sim.engine.sliding import END, LOST, STIFFNESS, TURNING, basis_at, gaps
-from dlo_sim.engine.springs import rolls, row_of, spring_stiffness, spring_value
+from dlo_sim.engine.springs import spring_value
 
 
 @inline
@@ -41,7 +41,7 @@ def add_wrench(address, grasp, rows, points, about, out):
     A constraint row with multiplier F (`rows`, one for each; if empty the mean over the last two
     steps) and direction e applies Q = F e to sum_k b_k x_k: the force (sum_k b_k) Q and
     the moment (sum_k b_k (x_k - x_e)) x Q about a point x_e (`about` [m], (3,); if empty the end of
-    the cable that the grasp holds). A twist row is a moment about the tangent at its end. Springs
+    the cable that the grasp holds). A row of the twist is a moment about the tangent there. Springs
     contribute their present forces. `points`: for `write_points`.
 
     Returns:
@@ -55,34 +55,27 @@ def add_wrench(address, grasp, rows, points, about, out):
         about = points[grasp * (cable.n - 1), :3]
     given, points, about, out = grid(rows), grid(points), grid(about), grid(out)
     rows, state, dim = cable.rows, cable.state, cable.dim
-    for k in range(rows.count):
+    for k in range(rows.count + rows.springs):
         if rows.grasp[k] != grasp:
             continue
         line, point = rows.line[k], rows.point[k]
-        force = state.reaction[k]
-        if state.balance.reactions > 1.0:
-            force = 0.5 * (force + state.reaction_before[k])
-        if len(given) > 0:
+        if k >= rows.count:
+            force = rows.stiffness[k] * (state.anchor[k] - spring_value(cable, k, state.x))
+        elif len(given) > 0:
             force = given[k]
+        elif state.balance.reactions > 1.0:
+            force = 0.5 * (state.reaction[k] + state.reaction_before[k])
+        else:
+            force = state.reaction[k]
         weights, begin = cable.points.weights[point], cable.points.first[point]
         if line == dim:
-            add_moment(cable, force, edge(cable, state.x, cable.points.own[point]), out)
+            add_moment(cable, force, span_tangent(cable, state.x, begin, rows.xi[k]), out)
         elif line >= 0:
             add_force(weights, points, begin, force, cable.axes[line], about, out)
         else:
             for d in range(dim):
                 f = force * state.direction[k, d]
                 add_force(weights, points, begin, f, cable.axes[d], about, out)
-    for k in range(rows.springs):
-        row = row_of(cable, k)
-        if rows.grasp[row] != grasp:
-            continue
-        begin, weights = cable.points.first[rows.point[row]], cable.points.weights[rows.point[row]]
-        f = spring_stiffness(cable, k) * (state.anchor[k] - spring_value(cable, k, state.x))
-        if rolls(cable, k):
-            add_moment(cable, f, span_tangent(cable, state.x, begin, rows.xi[row]), out)
-        else:
-            add_force(weights, points, begin, f, cable.axes[rows.line[row]], about, out)
     add_slide_forces(cable, grasp, points, about, out)
     return True
 

@@ -35,18 +35,21 @@ from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, VECTOR
 from dlo_sim.engine.band import invert_in_place
 from dlo_sim.engine.grasps import (
     component,
+    count_from,
+    direction_by,
     moves,
-    place_at,
+    place_by,
     prescribed_twist,
     rates,
     rotation_at,
     times,
 )
 from dlo_sim.engine.lines import add, kinetic
-from dlo_sim.engine.spans import three
+from dlo_sim.engine.spans import store_three, three
 from dlo_sim.terms.vectors import cross
 
-ROTATION, PLACE, RATES = 0, 9, 13  # entries of `work.held`: by rows; place and twist; their rates
+# Entries of `work.held`: by rows, attachment point, direction, twist angle; rates (`grasps.rates`).
+ROTATION, PLACE, AIM, TWIST, RATES = 0, 9, 12, 15, 16
 
 # -- values and shifts --------------------------------------------------------------------------
 
@@ -248,16 +251,23 @@ def grasps_move(cable):
 
 @kernel(void, CABLE, float64)
 def set_held(cable, t):
-    """Set the poses of the grasps in `work.held` to those at time t."""
+    """Set the poses of the grasps in `work.held`, but for the twist, to those at time t."""
     for g in range(cable.grasps):
         m, held = cable.inputs.motion[g], cable.work.held[g]
         r = rotation_at(m, t)
-        a = place_at(m, t, r)
         for k in range(9):
             held[ROTATION + k] = r[k]
-        for k in range(3):
-            held[PLACE + k] = a[k]
-        held[PLACE + 3] = prescribed_twist(cable, g, a[3])
+        store_three(held, PLACE, place_by(m, t, r))
+        store_three(held, AIM, direction_by(m, r))
+
+
+@kernel(void, CABLE, float64)
+def keep_frames(cable, t):
+    """Count the twist angles of moving grasps from those in `work.held`, at time t, on."""
+    for g in range(cable.grasps):
+        m, held = cable.inputs.motion[g], cable.work.held[g]
+        if moves(m):
+            count_from(m, cable.state.frame[g], t, held, three(held, AIM), held[TWIST])
 
 
 @inline
@@ -270,33 +280,58 @@ def set_held_rates(cable, t):
             for k in range(7):
                 held[RATES + k] = 0.0
             continue
-        v = rates(m, t, held)
+        v = rates(m, t, held, cable.state.frame[g])
         for k in range(7):
             held[RATES + k] = v[k]
 
 
+@inline
+def target_of(cable, k):
+    """Target of a row or spring k whose direction does not turn: twist angle of its grasp in
+    `work.held`, or a coordinate of its attachment point or direction; 0 between branches.
+    """
+    line, g = cable.rows.line[k], cable.rows.grasp[k]
+    if g < 0:
+        return 0.0
+    held = cable.work.held[g]
+    if line == cable.dim:
+        return held[TWIST]
+    return held[(AIM if cable.rows.aims[k] else PLACE) + cable.axes[line]]
+
+
 @kernel(void, CABLE, float64)
 def set_targets(cable, t):
-    """Set work.targets and the turning directions in work.ahead to those at time t."""
+    """Set `work.held`, work.targets and the turning directions in work.ahead to those at time t."""
     rows, work = cable.rows, cable.work
     set_held(cable, t)
+    for g in range(cable.grasps):
+        held = work.held[g]
+        held[TWIST] = prescribed_twist(cable.inputs.motion[g], cable.state.frame[g], t, held)
     for k in range(rows.count):
-        line, share = rows.line[k], cable.points.sum[rows.point[k]]
-        if rows.grasp[k] < 0:  # two branches stay together
-            work.targets[k] = 0.0
+        share = cable.points.sum[rows.point[k]]
+        if not turns(cable, k):
+            work.targets[k] = share * target_of(cable, k)
             continue
-        held, target = work.held[rows.grasp[k]], 0.0
-        if line == cable.dim:
-            target = held[PLACE + 3]
-        elif line >= 0:
-            target = held[PLACE + cable.axes[line]]
-        else:
+        e, target = direction_of(cable, k), 0.0
+        for d in range(cable.dim):
+            axis = cable.axes[d]
+            work.ahead[k, d] = component(e, axis)
+            target += component(e, axis) * work.held[rows.grasp[k], PLACE + axis]
+        work.targets[k] = share * target
+
+
+@inline
+def turn_rows(cable, t, out):
+    """out = directions of the turning rows at time t."""
+    for g in range(cable.grasps):
+        r = rotation_at(cable.inputs.motion[g], t)
+        for k in range(9):
+            cable.work.held[g, ROTATION + k] = r[k]
+    for k in range(cable.rows.count):
+        if turns(cable, k):
             e = direction_of(cable, k)
             for d in range(cable.dim):
-                axis = cable.axes[d]
-                work.ahead[k, d] = component(e, axis)
-                target += component(e, axis) * held[PLACE + axis]
-        work.targets[k] = share * target
+                out[k, d] = component(e, cable.axes[d])
 
 
 @inline

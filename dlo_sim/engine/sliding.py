@@ -40,8 +40,9 @@ from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES, lane
-from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, SLIDING, SPRING, VECTOR, cable_at
-from dlo_sim.engine.grasps import component, direction_at, moves, place
+from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, SLIDING, SPRING, VECTOR
+from dlo_sim.engine.grasps import component, moves
+from dlo_sim.engine.rows import AIM, PLACE
 from dlo_sim.terms.vectors import combined, dot
 
 STIFFNESS, TURNING, FRICTION, GRIP = range(4)  # entries of the law of a slide: k, k_t, mu, grip
@@ -304,22 +305,21 @@ def slide_tangent(cable, slips, x0, x1, scale, band):
 # -- the grippers and the account ----------------------------------------------------------------
 
 
-@kernel(void, CABLE, float64, terms=SLIDING)
-def move_slides(cable, t):
-    """Move the grippers to where they are at time t, the end of the step."""
+@kernel(void, CABLE, terms=SLIDING)
+def move_slides(cable):
+    """Move the grippers to where they are in `work.held`, at the end of the step."""
     for k in range(cable.slides.count):
         if moves(cable.inputs.motion[cable.slides.grasp[k]]):
-            place_slide(cable, k, t)
+            place_slide(cable, k)
 
 
 @inline
-def place_slide(cable, k, t):
-    """The pose of a gripper at time t becomes that at the end of the step."""
-    m, pose = cable.inputs.motion[cable.slides.grasp[k]], cable.state.slide_pose[k]
-    p, d = place(m, t), direction_at(m, t)
+def place_slide(cable, k):
+    """The pose of a gripper in `work.held` becomes that at the end of the step."""
+    held, pose = cable.work.held[cable.slides.grasp[k]], cable.state.slide_pose[k]
     for line in range(cable.dim):
-        pose[END + line] = component(p, cable.axes[line])
-        pose[END + 3 + line] = component(d, cable.axes[line])
+        pose[END + line] = held[PLACE + cable.axes[line]]
+        pose[END + 3 + line] = held[AIM + cable.axes[line]]
 
 
 @inline
@@ -331,18 +331,12 @@ def settle_slides(cable, at, to):
             pose[to + entry] = pose[at + entry]
 
 
-@kernel(void, CABLE, float64, terms=SLIDING)
-def jump_slides(cable, t):
-    """Put the grippers to where they are at time t, instantaneously."""
+@kernel(void, CABLE, terms=SLIDING)
+def jump_slides(cable):
+    """Put the grippers to where they are in `work.held`, instantaneously."""
     for k in range(cable.slides.count):
-        place_slide(cable, k, t)
+        place_slide(cable, k)
     settle_slides(cable, END, START)
-
-
-@kernel(void, int64, float64, terms=SLIDING)
-def put_slides(address, t):
-    """`jump_slides` of the cable at an address."""
-    jump_slides(cable_at(address), t)
 
 
 @inline

@@ -14,42 +14,28 @@ from numba import boolean, float64, void
 
 from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, SPRUNG
-from dlo_sim.engine.grasps import component, direction_at, moves, place, prescribed_twist
-from dlo_sim.engine.rows import point_value
+from dlo_sim.engine.grasps import moves
+from dlo_sim.engine.rows import point_value, target_of
 
 ROLL_DAMPING = 0.5  # damping over stiffness, in units of the step
 
 
 @inline
-def row_of(cable, k):
-    """Constraint row of spring k."""
-    return cable.rows.count + k
-
-
-@inline
 def rolls(cable, k):
-    """Whether spring k is a roll spring."""
-    return cable.rows.line[row_of(cable, k)] == cable.dim
-
-
-@inline
-def spring_stiffness(cable, k):
-    """Stiffness of spring k [N/m], or [N m/rad] of r' and of the twist."""
-    return cable.rows.stiffness[row_of(cable, k)]
+    """Whether row k acts on the twist angle."""
+    return cable.rows.line[k] == cable.dim
 
 
 @inline
 def spring_value(cable, k, x):
-    """sum_q b_q x_q of spring k."""
-    row = row_of(cable, k)
-    return point_value(cable, cable.rows.point[row], cable.rows.line[row], x)
+    """sum_q b_q x_q of the spring in row k."""
+    return point_value(cable, cable.rows.point[k], cable.rows.line[k], x)
 
 
 @inline
 def push(cable, k, f, out):
-    """out += b_q f on the coordinates of spring k."""
-    row, points = row_of(cable, k), cable.points
-    point, line = cable.rows.point[row], cable.rows.line[row]
+    """out += b_q f on the coordinates of the spring in row k."""
+    points, point, line = cable.points, cable.rows.point[k], cable.rows.line[k]
     for q in range(4):
         out[line, MARGIN + points.first[point] + q] += points.weights[point, q] * f
     if points.other[point] >= 0:
@@ -66,11 +52,11 @@ def spring_force(cable, x, share, rolling, out):
     stiff one then does not ring.
     """
     now, old = cable.state.anchor, cable.state.anchor_counted
-    for k in range(cable.rows.springs):
+    for k in range(cable.rows.count, cable.rows.count + cable.rows.springs):
         if rolls(cable, k) != rolling:
             continue
         anchor = now[k] if share == 1.0 else old[k] + share * (now[k] - old[k])
-        f = spring_stiffness(cable, k) * (anchor - spring_value(cable, k, x))
+        f = cable.rows.stiffness[k] * (anchor - spring_value(cable, k, x))
         push(cable, k, f, out)
 
 
@@ -81,11 +67,11 @@ def roll_loss(cable, change):
     """
     state = cable.state
     lost, driven = 0.0, 0.0
-    for k in range(cable.rows.springs):
+    for k in range(cable.rows.count, cable.rows.count + cable.rows.springs):
         if rolls(cable, k):
             moved = state.anchor[k] - state.anchor_counted[k]
             behind = moved - spring_value(cable, k, change)
-            moment = ROLL_DAMPING * spring_stiffness(cable, k) * behind
+            moment = ROLL_DAMPING * cable.rows.stiffness[k] * behind
             lost += moment * behind
             driven += moment * moved
     return lost, driven
@@ -95,34 +81,27 @@ def roll_loss(cable, change):
 def spring_energy(cable, x):
     """Elastic energy of the springs [J]."""
     energy = 0.0
-    for k in range(cable.rows.springs):
+    for k in range(cable.rows.count, cable.rows.count + cable.rows.springs):
         apart = spring_value(cable, k, x) - cable.state.anchor[k]
-        energy += 0.5 * spring_stiffness(cable, k) * apart * apart
+        energy += 0.5 * cable.rows.stiffness[k] * apart * apart
     return energy
 
 
-@inline
-def target_of(cable, k, t):
-    """Anchor of spring k at time t: twist angle of its grasp [rad], or one coordinate of its
-    attachment point [m] or of its direction.
-    """
-    row = row_of(cable, k)
-    line, grasp = cable.rows.line[row], cable.rows.grasp[row]
-    if cable.rows.aims[row]:
-        return component(direction_at(cable.inputs.motion[grasp], t), cable.axes[line])
-    a = place(cable.inputs.motion[grasp], t)
-    if line == cable.dim:
-        return prescribed_twist(cable, grasp, a[3])
-    return component(a, cable.axes[line])
-
-
-@kernel(void, CABLE, float64, terms=SPRUNG)
-def move_anchors(cable, t):
-    """Set the anchors of moving grasps to their values at time t."""
-    for k in range(cable.rows.springs):
-        grasp = cable.rows.grasp[row_of(cable, k)]
+@kernel(void, CABLE, terms=SPRUNG)
+def move_anchors(cable):
+    """Set the anchors of moving grasps to their values in `work.held`."""
+    for k in range(cable.rows.count, cable.rows.count + cable.rows.springs):
+        grasp = cable.rows.grasp[k]
         if grasp >= 0 and moves(cable.inputs.motion[grasp]):
-            cable.state.anchor[k] = target_of(cable, k, t)
+            cable.state.anchor[k] = target_of(cable, k)
+
+
+@kernel(void, CABLE, terms=SPRUNG)
+def put_anchors(cable):
+    """Set all anchors to their values in `work.held`, without work."""
+    for k in range(cable.rows.count, cable.rows.count + cable.rows.springs):
+        cable.state.anchor[k] = target_of(cable, k)
+    accept_anchors(cable)
 
 
 @kernel(float64, CABLE, LINES, LINES, terms=SPRUNG)
@@ -131,22 +110,22 @@ def anchor_work(cable, x0, x1):
     k (mean anchor - mean value) (change of the anchor), exact if both change linearly in time.
     """
     done = 0.0
-    for k in range(cable.rows.springs):
+    for k in range(cable.rows.count, cable.rows.count + cable.rows.springs):
         now, old = cable.state.anchor[k], cable.state.anchor_counted[k]
         value = spring_value(cable, k, x0) + spring_value(cable, k, x1)
-        done += 0.5 * spring_stiffness(cable, k) * (now - old) * (now + old - value)
+        done += 0.5 * cable.rows.stiffness[k] * (now - old) * (now + old - value)
     return done
 
 
 @inline
 def accept_anchors(cable):
     """The energy account contains the work of the anchors up to their present values."""
-    for k in range(cable.rows.springs):
+    for k in range(cable.rows.count, cable.rows.count + cable.rows.springs):
         cable.state.anchor_counted[k] = cable.state.anchor[k]
 
 
 @inline
 def restore_anchors(cable):
     """Take back the motion of the anchors in a rejected step."""
-    for k in range(cable.rows.springs):
+    for k in range(cable.rows.count, cable.rows.count + cable.rows.springs):
         cable.state.anchor[k] = cable.state.anchor_counted[k]

@@ -6,7 +6,7 @@ calls them for scenes with the term's bit:
     tangent(cable, x0, x1, scale, band)    band += scale times the Jacobian of the discrete gradient
     damping(cable, x, moved, scale, out)   out -= scale C(x) moved
     damping_tangent(cable, x, moved, scale, band)   band += scale C(x)
-    flow(cable)                            update of internal variables at the end of a step
+    flow(cable, t)                         update of internal variables at the end of a step
 """
 
 from __future__ import annotations

@@ -34,7 +34,17 @@ from dlo_sim.engine.band import (
     substitute_transposed,
     turn_vector,
 )
-from dlo_sim.engine.grasps import ACTIVE, DURATION, START, direction_at, place
+from dlo_sim.engine.grasps import (
+    ACTIVE,
+    DURATION,
+    START,
+    TANGENT,
+    count_from,
+    direction_at,
+    place,
+    prescribed_twist,
+    rotation_at,
+)
 from dlo_sim.engine.lines import (
     add,
     add_differences,
@@ -60,15 +70,24 @@ from dlo_sim.engine.rows import (
 )
 from dlo_sim.engine.sampling import velocities
 from dlo_sim.engine.sliding import jump_slides, slide_tangent
-from dlo_sim.engine.springs import move_anchors
+from dlo_sim.engine.spans import store_three, three
+from dlo_sim.engine.springs import move_anchors, put_anchors
 from dlo_sim.engine.tension import take_tension
 from dlo_sim.methods.works import NATURAL, evaluate, turn_natural_shape
+from dlo_sim.terms.vectors import dot
 
 
 @kernel(void, int64, float64)
 def turn_to(address, t):
-    """Set the directions of the constraint rows, and S^-1, to those of the grasps at time t."""
+    """Set the directions of the constraint rows, and S^-1, to those of the grasps at time t. Twist
+    angles that did not count before do from there on.
+    """
     cable = cable_at(address)
+    for g in range(cable.grasps):
+        m, frame = cable.inputs.motion[g], cable.state.frame[g]
+        tangent = three(frame, TANGENT)
+        if dot(tangent, tangent) == 0.0:
+            count_from(m, frame, t, rotation_at(m, t), direction_at(m, t), 0.0)
     set_targets(cable, t)
     take_directions(cable)
 
@@ -123,19 +142,29 @@ def open_balance(address):
 
 
 @kernel(void, ARRAY, float64, ARRAY)
-def grasp_place(motion, t, out):
-    """Attachment point (3) [m] and twist angle [rad] of a grasp at time t, from its numbers
-    `motion` (MOTION_SIZE,) into `out` (4,).
+def place_of_grasp(motion, t, out):
+    """Attachment point [m] and unit direction of the cable at a grasp at time t, from its numbers
+    `motion` (MOTION_SIZE,) into `out` (6,).
     """
-    a = place(grid(motion), t)
-    out[0], out[1], out[2], out[3] = a[0], a[1], a[2], a[3]
+    m = grid(motion)
+    store_three(grid(out), 0, place(m, t))
+    store_three(grid(out), 3, direction_at(m, t))
 
 
-@kernel(void, ARRAY, float64, ARRAY)
-def grasp_direction(motion, t, out):
-    """Unit direction of the cable at a grasp at time t, as `grasp_place`, into `out` (3,)."""
-    d = direction_at(grid(motion), t)
-    out[0], out[1], out[2] = d[0], d[1], d[2]
+@kernel(float64, int64, int64, float64)
+def twist_held(address, grasp, t):
+    """Twist angle [rad] that a grasp prescribes at time t."""
+    cable = cable_at(address)
+    m = cable.inputs.motion[grasp]
+    return prescribed_twist(m, cable.state.frame[grasp], t, rotation_at(m, t))
+
+
+@kernel(void, int64, int64, float64, float64)
+def count_twist(address, grasp, t, angle):
+    """The twist angle of a grasp is this one at time t."""
+    cable = cable_at(address)
+    m, frame = cable.inputs.motion[grasp], cable.state.frame[grasp]
+    count_from(m, frame, t, rotation_at(m, t), direction_at(m, t), angle)
 
 
 @kernel(void, int64, float64, ARRAY_2D)
@@ -309,8 +338,20 @@ def jump(address, t):
     """
     cable = cable_at(address)
     carry(cable, cable.state.x, cable.state.w, t, 0.0)
-    move_anchors(cable, t)
-    jump_slides(cable, t)
+    set_targets(cable, t)
+    move_anchors(cable)
+    jump_slides(cable)
+
+
+@kernel(void, int64, float64)
+def pull(address, t):
+    """Put the anchors of springs, and the grippers that let the cable slide, to where they are at
+    time t, without work.
+    """
+    cable = cable_at(address)
+    set_targets(cable, t)
+    put_anchors(cable)
+    jump_slides(cable)
 
 
 @kernel(void, int64, NATURAL, ARRAY)

@@ -100,11 +100,10 @@ from dlo_sim.engine.rows import (
     project,
     row_value,
     set_directions,
-    set_targets,
     target_rates,
     target_residuals,
     through_inverse,
-    turns,
+    turn_rows,
     values_along,
 )
 from dlo_sim.engine.skyline import eliminate_skyline
@@ -300,18 +299,14 @@ def begin_step(cable, t0, tau):
         add_velocity_of_held(cable, state.x, t0, work.start_v)
     predict(cable, tau)
     if moves:
-        set_targets(cable, t0 + 0.5 * tau)
-        for k in range(cable.rows.count):
-            if turns(cable, k):
-                for d in range(cable.dim):
-                    work.middle_direction[k, d] = work.ahead[k, d]
+        turn_rows(cable, t0 + 0.5 * tau, work.middle_direction)
         set_directions(cable, t0 + tau)
         target_residuals(cable, state.direction, state.x)
         add_shifts(cable, 1.0, state.x)
         for k in range(cable.rows.count):
             pin(cable, k, work.targets[k], state.x)
-        move_anchors(cable, t0 + tau)
-        move_slides(cable, t0 + tau)
+        move_anchors(cable)
+        move_slides(cable)
     else:
         keep_constraints(cable)
     set_border(cable, work.middle_direction, state.direction)
@@ -1040,7 +1035,7 @@ def try_step(cable, method, t0, tau, whole, level, careful, predicts):
         if cable.terms & CONTACT:
             contact.commit(cable, tau)
         balance.slip = 0.5  # the energy balance takes the mean with both methods
-        flow(cable)
+        flow(cable, t0 + tau)
     else:
         undo_step(cable)
     balance.slip = 0.0

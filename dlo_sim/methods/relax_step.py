@@ -98,16 +98,14 @@ def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
         if not moved < 1e3:
             break
         if twist:
-            follow_shape(cable)
+            follow_shape(cable, 0.0)
         else:
             if cable.terms & MATERIAL:
                 follow_natural(cable, x)
             if cable.terms & BISHOP:
                 copy(x, state.reference)
-        for k in range(len(state.anchor) if rolls else 0):
-            state.anchor[k] = anchors[k]
-        for k in range(len(state.frame_turn) if rolls or not twist else 0):
-            state.frame_turn[k] = 0.0
+        for k in range(cable.rows.springs if rolls else 0):
+            state.anchor[cable.rows.count + k] = anchors[k]
         if last <= converged * moved or last < exact:
             return iteration, moved
     return 0, 0.0

@@ -89,7 +89,7 @@ def to_stage(cable, weights, t, tau):
     add_rates(work.x_rate, weights, tau, state.x)
     add_rates(work.w_rate, weights, tau, state.w)
     set_directions(cable, t)
-    move_anchors(cable, t)
+    move_anchors(cable)
 
 
 @kernel(boolean, METHOD, CABLE, int64, float64, terms=RUNGE_KUTTA)

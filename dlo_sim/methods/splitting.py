@@ -43,7 +43,7 @@ def drift(cable, t, dt):
     """Drift over dt to time t (`rows.carry`), and move the anchors of springs."""
     carry(cable, cable.state.x, cable.state.w, t, dt)
     if grasps_move(cable):
-        move_anchors(cable, t)
+        move_anchors(cable)
 
 
 @kernel(boolean, METHOD, CABLE, int64, float64, terms=SPLITTING)

@@ -55,7 +55,7 @@ def zhai_step(method, cable, step, tau):
             store(before, line, c, a)
     state.balance.known = 1.0
     carry(cable, state.x, mean, t, tau)
-    move_anchors(cable, t)
+    move_anchors(cable)
     if grasps_move(cable):
         project(cable, w, work.multipliers)
         project(cable, before, work.multipliers)

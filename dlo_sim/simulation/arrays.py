@@ -86,7 +86,6 @@ def sizes_of(
         "bishop_columns": columns * bishop,
         "bishop_lines": lines * bishop,
         "bishop_blocks": blocks * bishop,
-        "frame_grasps": grasps * bishop,
         "curved_blocks": blocks * curved,
         "plastic_blocks": blocks * plastic,
     }

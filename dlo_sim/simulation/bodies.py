@@ -22,6 +22,20 @@ def write(row: Array, motion: EndMotion) -> None:
     row[TURN : TURN + 6] = motion.rotation_coefficients.ravel()
 
 
+def write_steps(rows: Array, grid: Array, path: Array) -> None:
+    """Make rows (K, MOTION_SIZE) the motions from each of the poses (K + 1, 7) of a path, at the
+    times of a grid, to the next.
+    """
+    tau, before = np.diff(grid), path[:-1]
+    turn = rotations.multiply(path[1:, 3:], rotations.conjugate(before[:, 3:]))
+    rows[:, START], rows[:, DURATION] = grid[:-1], tau
+    rows[:, POSITION : TURN + 6] = 0.0
+    rows[:, POSITION : POSITION + 3] = before[:, :3]
+    rows[:, POSITION + 3 : POSITION + 6] = np.diff(path[:, :3], axis=0) / tau[:, None]
+    rows[:, FRAME : FRAME + 9] = rotations.to_matrix(before[:, 3:]).reshape(-1, 9)
+    rows[:, TURN : TURN + 3] = rotations.to_rotation_vector(turn) / tau[:, None]
+
+
 def motion_of(row: Array) -> EndMotion:
     """The motion of a row."""
     return EndMotion.from_coefficients(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from typing import Any
@@ -21,7 +21,6 @@ from dlo_sim.engine.arrays import (
     MATERIAL,
     PLASTICITY,
     SELF,
-    SLIDING,
     Inputs,
     State,
     Work,
@@ -171,7 +170,7 @@ class Cable:
         state = self.arrays.state
         balance = numbers_of(state.balance)
         energies = state.energy, state.energy_begin
-        return balance, *energies, state.natural, state.plastic, state.pair
+        return balance, *energies, state.natural, state.plastic, state.pair, state.frame
 
     def __getstate__(self) -> tuple[Model, int, Array, Array]:
         """What a copy needs; it has arrays of its own."""
@@ -229,19 +228,12 @@ class Cable:
     @property
     def anchors(self) -> Array:
         """Target values of the springs, a view of shape (springs,)."""
-        return self.arrays.state.anchor
+        return self.arrays.state.anchor[len(self.model.holding.rows) :]
 
     @property
     def slides(self) -> Array:
         """Material coordinates [m] of the grasps that slide, or `sliding.LOST`, a view."""
         return self.arrays.state.slide
-
-    @property
-    def frame_turn(self) -> Array:
-        """Angle by which the Bishop frame lags behind each grasp [rad], a view of shape (grasps,);
-        empty if twist is not measured against a Bishop frame.
-        """
-        return self.arrays.state.frame_turn
 
     @property
     def account(self) -> Any:
@@ -269,6 +261,16 @@ class Cable:
     @plastic.setter
     def plastic(self, rows: Array) -> None:
         self.arrays.state.plastic[:] = to_blocks(rows)
+
+    def held_twists(self, t: float) -> Array:
+        """Twist angles [rad] that the grasps prescribe at time t, shape (grasps,)."""
+        count = range(len(self.motion))
+        return np.array([self.call(between_steps.twist_held, grasp, t) for grasp in count])
+
+    def count_twists(self, t: float, twists: Iterable[tuple[int, float]]) -> None:
+        """The twist angles that grasps prescribe are these at time t: number and angle [rad]."""
+        for grasp, twist in twists:
+            self.call(between_steps.count_twist, grasp, t, twist)
 
     @property
     def obstacles(self) -> Array:
@@ -313,10 +315,9 @@ class Cable:
         """Set the directions of the constraint rows to those of the grasps at time t."""
         self.call(between_steps.turn_to, t)
 
-    def put_slides(self, t: float) -> None:
-        """Put the grippers of the grasps that slide to where they are at time t."""
-        if self.model.has(SLIDING):
-            self.call(sliding.put_slides, t)
+    def pull(self, t: float) -> None:
+        """Let what gives, or lets the cable slide, hold it where its grippers are at time t."""
+        self.call(between_steps.pull, t)
 
     def place_obstacles(self, t: float) -> None:
         """Set the poses of the obstacles at time t."""
@@ -446,7 +447,6 @@ class Cable:
         """From now on measure the twist angles in the Bishop frame of the present shape."""
         if self.model.has(BISHOP):
             self.shown(self.arrays.state.reference)[:] = self.x
-            self.frame_turn[:] = 0.0
 
     def velocities(self, t: float) -> Array:
         """Velocities of all control points at time t, lines of shape (lines, n)."""

@@ -11,12 +11,12 @@ from dlo_sim.core import arguments, bspline, one_rotation, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import grasps
 from dlo_sim.engine.arrays import MOTION_SIZE
-from dlo_sim.engine.grasps import ACTIVE, TWIST
+from dlo_sim.engine.grasps import ACTIVE
 from dlo_sim.methods import between_steps
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.bodies import motion_of, write
-from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import Geometries, Geometry, given_quaternion, known_holder
+from dlo_sim.simulation.holding import across
 from dlo_sim.simulation.timeline import WaitingMotions
 
 Array = NDArray[np.float64]
@@ -59,27 +59,18 @@ class EndDrive:
         arm = rotations.rotate(turn, geometry.attachment - geometry.position)
         row[grasps.ATTACHMENT : grasps.ATTACHMENT + 3] = arm
         row[grasps.DIRECTION : grasps.DIRECTION + 3] = geometry.tangent
-
-    def count_from(self, end: str, t: float, angle: float) -> None:
-        """Prescribe this twist angle [rad] at time t; the motion adds to it from there."""
-        self.motion[self._rows[end], TWIST] += angle - self.place_at(end, t)[3]
+        row[grasps.DIRECTOR : grasps.DIRECTOR + 3] = across(geometry, (0, 1, 2))[0]
 
     def live_in(self, motion: Array) -> None:
         """From now on write to `motion`, a view of the inputs."""
         motion[:] = self.motion
         self.motion = motion
 
-    def place_at(self, end: str, t: float) -> Array:
-        """Attachment point [m] and twist angle [rad] at time t, shape (4,)."""
-        out = np.empty(4)
-        between_steps.grasp_place(np.ascontiguousarray(self.motion[self._rows[end]]), t, out)
-        return out
-
-    def direction_at(self, end: str, t: float) -> Array:
-        """`tangent` by the compiled motion, which takes a tenth of the time, but for round-off."""
-        out = np.empty(3)
-        between_steps.grasp_direction(np.ascontiguousarray(self.motion[self._rows[end]]), t, out)
-        return out
+    def held_at(self, end: str, t: float) -> tuple[Array, Array]:
+        """Attachment point [m] and direction of the cable at time t."""
+        out = np.empty(6)
+        between_steps.place_of_grasp(np.ascontiguousarray(self.motion[self._rows[end]]), t, out)
+        return out[:3], out[3:]
 
     def state_of(self, end: str) -> tuple[Array, EndMotion]:
         """Pose and motion of an end effector, for `set_state`."""
@@ -103,10 +94,11 @@ class EndDrive:
 
     def tangent(self, end: str, t: float) -> Array:
         """Direction of the cable at a clamped end, world frame, start towards end."""
-        return rotations.rotate(self.orientation(end, t), self._direction(end))
+        return self.held_at(end, t)[1]
 
-    def put(self, points: Array, t: float, anew: bool = False) -> None:
-        """Write the entries of control points (n, 4) that the ends prescribe at time t.
+    def put(self, points: Array, t: float, twists: Array, anew: bool = False) -> None:
+        """Write the entries of control points (n, 4) that the ends prescribe at time t, with these
+        twist angles [rad] (`Cable.held_twists`).
 
         The neighbour of a clamped end is projected onto the tangent. With `anew`, or if it is then
         too close to the end, it is put at a distance of a third of the span at that end.
@@ -115,35 +107,20 @@ class EndDrive:
         for name, end in self._scene.ends.items():
             start = name == "start"
             outer, inner = (0, 1) if start else (n - 1, n - 2)
-            place = self.place_at(name, t)
+            place, direction = self.held_at(name, t)
             for axis in range(3):
                 if end.fixed[axis]:
                     points[outer, axis] = place[axis]
             if end.clamped:
-                direction = self.tangent(name, t) * (1.0 if start else -1.0)
-                along = float(((points[inner, :3] - place[:3]) * direction).sum())
+                direction *= 1.0 if start else -1.0
+                along = float(((points[inner, :3] - place) * direction).sum())
                 if anew or abs(along) < LEAST_THIRD * self._thirds[name]:
                     along = self._thirds[name]
-                at = place[:3] + along * direction
+                at = place + along * direction
                 # A difference of round-off must not change the bits of a running simulation.
                 if anew or np.abs(points[inner, :3] - at).max() > 1e-3 * self._near:
                     points[inner, :3] = at
-                points[outer, 3] = place[3]
-
-    def rest_at(self, end: str, position: Array, orientation: Array) -> None:
-        """Rest at a pose, with the twist angle as it is."""
-        self._write(end, EndMotion.resting(position, orientation))
-
-    def pull_springs(self, cable: Cable, t: float) -> None:
-        """Let what gives pull a cable to where the end effectors are at time t."""
-        model, names = cable.model, list(self._rows)
-        for k, spring in enumerate(model.holding.springs):
-            target = self.place_at(names[spring.grasp], t)
-            if spring.aims:
-                target = self.tangent(names[spring.grasp], t)
-            cable.anchors[k] = target[model.columns[spring.line]]
-        cable.arrays.state.anchor_counted[:] = cable.anchors
-        cable.put_slides(t)
+                points[outer, 3] = twists[self._rows[name]]
 
     def place(
         self,
@@ -177,11 +154,7 @@ class EndDrive:
         place = old_position
         if position is not None:
             place = arguments.numbers(f"position of {end}", position, (3,), "m")
-        # The twist angle changes by the part of the rotation about the tangent.
-        way = one_rotation.turn_between(old_orientation.tolist(), turned.tolist())
-        axis = rotations.rotate(old_orientation, self._direction(end))
-        twist = float(twist_angles(np.array(way), axis))
-        self.follow(end, t, EndMotion.resting(place, turned, t), twist)
+        self.follow(end, EndMotion.resting(place, turned, t))
 
     def check_motion(
         self, end: str, t: float, motion: EndMotion, late: float, origin: Array
@@ -218,42 +191,25 @@ class EndDrive:
         """Keep a motion until its start if the end effector still moves (`WaitingMotions.keep`)."""
         return self.queue.keep(end, t, motion, moves=self._motions[end].end > t)
 
-    def go_on(self, end: str, t: float, motion: EndMotion) -> None:
-        """Follow a motion from time t on, with the present twist angle."""
-        twist = self.place_at(end, t)[3]
+    def go_on(self, end: str, motion: EndMotion) -> None:
+        """Follow a motion from now on."""
         self._write(end, motion)
-        self.count_from(end, t, twist)
 
-    def follow(self, end: str, t: float, motion: EndMotion, twist: float = 0.0) -> None:
-        """Follow a motion from time t on; twist angle: the present one plus `twist` [rad].
-        Motions that wait are dropped.
-        """
+    def follow(self, end: str, motion: EndMotion) -> None:
+        """Follow a motion from now on, a caller's. Motions that wait are dropped."""
         self.queue.by_name.pop(end, None)
-        row = self.motion[self._rows[end]]
-        row[TWIST] = self.place_at(end, min(motion.start, t))[3] + twist
         self._write(end, motion)
-        row[0] = 1.0
+        self.motion[self._rows[end], ACTIVE] = 1.0
 
-    def take_over(self, other: EndDrive, t: float, turns: Array, way: Array) -> None:
-        """Go on with the motions and twist angles of another simulator's end effectors at time t,
-        which is 0 here.
+    def take_over(self, other: EndDrive, t: float, way: Array) -> None:
+        """Go on with the motions of another simulator's end effectors at time t, which is 0 here.
 
         Args:
             way: from the origin of this simulator to the other's [m], shape (3,).
-            turns: its `Cable.frame_turn` [rad], one row per grasp, or empty.
         """
         for end, row in self._rows.items():
             self._write(end, other.state_of(end)[1].later(-t).moved(way))
             self.motion[row, ACTIVE] = max(self.motion[row, ACTIVE], other.state_of(end)[0][ACTIVE])
-            behind = turns[row] if len(turns) else 0.0
-            self.count_from(end, 0.0, other.place_at(end, t)[3] + behind)
-
-    def take_frame_turns(self, turns: Array) -> None:
-        """Add the lags of the Bishop frame [rad], one row per grasp (`engine.bishop`), to the twist
-        angles, and set them to zero.
-        """
-        self.motion[: len(turns), TWIST] += turns
-        turns[:] = 0.0
 
     def leaves_plane(self, end: str, path: Array, axes: tuple[int, ...], first: Geometry) -> bool:
         """Whether poses (K, 7) lead an end's attachment point or tangent out of the plane of two
@@ -271,9 +227,9 @@ class EndDrive:
             tangent = 0.0 * tangent
         return bool(max(np.abs(away).max(), np.abs(tangent).max()) > IN_PLANE)
 
-    def twists(self, end: str, path: Array) -> bool:
-        """Whether an end effector holds the roll and turns about its tangent, or has, along poses
-        (K, 7).
+    def twists(self, end: str, path: Array, rolled: float) -> bool:
+        """Whether an end effector holds the roll and turns about its tangent along poses (K, 7), or
+        has, by `rolled` [rad].
         """
         if not self._scene.holders[end].holds_roll:
             return False
@@ -281,8 +237,7 @@ class EndDrive:
         along = rotations.to_rotation_vector(turned) @ rotations.rotate(
             path[0, 3:], self._direction(end)
         )
-        rolled = abs(self.motion[self._rows[end], TWIST])
-        return bool(max(rolled, np.abs(along).max()) > 1e-12)
+        return bool(max(abs(rolled), np.abs(along).max()) > 1e-12)
 
     def restored(self) -> None:
         """Rebuild the motions after `motion` was overwritten by a snapshot."""
@@ -302,12 +257,3 @@ def apart(pose: tuple[Array, Array], position: Array, orientation: Array) -> tup
     way = math.dist(pose[0].tolist(), position.tolist())
     turn = one_rotation.turn_between(pose[1].tolist(), orientation.tolist())
     return way, math.hypot(*turn)
-
-
-def twist_angles(turns: Array, axes: Array) -> Array:
-    """Twist angles [rad] of rotation vectors about unit axes, each of shape (..., 3), by the
-    swing-twist decomposition.
-    """
-    half = 0.5 * np.linalg.norm(turns, axis=-1)
-    along = np.sum(turns * axes, axis=-1)
-    return np.asarray(2.0 * np.arctan2(0.5 * np.sinc(half / np.pi) * along, np.cos(half)))

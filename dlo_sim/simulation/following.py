@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import arguments, rotations
 from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.core.two_points import LEAST_APART, poses_of_two_points
-from dlo_sim.engine import grasps
-from dlo_sim.simulation.ends import twist_angles
+from dlo_sim.simulation.bodies import write_steps
 from dlo_sim.simulation.geometry import known_holder
 from dlo_sim.simulation.play import stretch
 from dlo_sim.simulation.recorder import Recorder
@@ -59,7 +58,7 @@ def record_along(
     motions = np.repeat(cable.motion[None], len(grid) - 1, axis=0)
     for name, path in paths.items():
         row = list(sim.scene.holders).index(name)
-        motions[:, row] = motions_along(cable.motion[row], grid, path)
+        write_steps(motions[:, row], grid, path)
     along = Along(motions, *sim.natural.turns_along(motions))
     report = stretch(sim, len(motions), recorder, along)
     sim.ends.restored()
@@ -168,24 +167,3 @@ def _slopes(times: Array, poses: Array) -> Array:
     longer = uneven + (after[uneven] > before[uneven])
     slopes[uneven + 1] = np.diff(poses, axis=0)[longer] / lengths[longer, None]
     return slopes
-
-
-def motions_along(present: Array, grid: Array, path: Array) -> Array:
-    """Motions of the steps of a path (K + 1, 7), as in `engine.grasps`, shape (K, MOTION_SIZE)."""
-    rows = np.repeat(present[None], len(grid) - 1, axis=0)
-    tau = np.diff(grid)
-    turn = rotations.to_rotation_vector(
-        rotations.multiply(path[1:, 3:], rotations.conjugate(path[:-1, 3:]))
-    )
-    rows[:, grasps.START], rows[:, grasps.DURATION] = grid[:-1], tau
-    rows[:, grasps.POSITION : grasps.FRAME] = 0.0
-    rows[:, grasps.POSITION : grasps.POSITION + 3] = path[:-1, :3]
-    rows[:, grasps.POSITION + 3 : grasps.POSITION + 6] = np.diff(path[:, :3], axis=0) / tau[:, None]
-    rows[:, grasps.FRAME : grasps.TURN] = rotations.to_matrix(path[:-1, 3:]).reshape(-1, 9)
-    rows[:, grasps.TURN : grasps.TURN + 3] = turn / tau[:, None]
-    rows[:, grasps.TURN + 3 : grasps.ATTACHMENT] = 0.0
-    # The twist angle accumulates the part of each step's rotation about the tangent.
-    direction = present[grasps.DIRECTION : grasps.DIRECTION + 3]
-    angles = twist_angles(turn, rotations.rotate(path[:-1, 3:], direction))
-    rows[1:, grasps.TWIST] += np.cumsum(angles)[:-1]
-    return rows

@@ -35,18 +35,21 @@ def take_over(sim: Running, other: Running) -> None:
         for name in waiting
         if name in here
     }
-    sim.ends.take_over(other.ends, other.time, other.cable.frame_turn, way)
+    sim.ends.take_over(other.ends, other.time, way)
+    twists = other.cable.held_twists(other.time)
+    sim.cable.count_twists(0.0, enumerate(twists))
     for name in sim.scene.holders:
         if sim.ends.state_of(name)[0][ACTIVE]:
             sim.move_along(name, sim.ends.state_of(name)[1])
     taking = _take_over_grasps(sim, other)
-    for name, holder in sim.scene.holders.items():
+    for row, (name, holder) in enumerate(sim.scene.holders.items()):
         at = sim.geometries[name].u
         if at is not None and holder.holds_roll and not other.scene.holders[name].holds_roll:
-            sim.ends.count_from(name, 0.0, sim.curve.twist_at(at, points))
+            twists[row] = sim.curve.twist_at(at, points)
+    sim.cable.count_twists(0.0, enumerate(twists))
     sim.cable.take_contact(other.cable, other.time)
-    sim.ends.pull_springs(sim.cable, sim.time)
-    sim.ends.put(points, 0.0)
+    sim.cable.pull(sim.time)
+    sim.ends.put(points, 0.0, twists)
     sim.cable.point_grasps(0.0)
     sim.cable.put(points, rates, 0.0)
     sim.cable.take_over_samples(other.cable)

@@ -68,8 +68,8 @@ class Row:
     Attributes:
         point: index in `Holding.points`. grasp: -1 between two branches.
         stiffness: of a spring [N/m], of r' or the twist [N m/rad]; infinite: the row is rigid.
-        aims: whether a spring for r' aims at the direction of its grasp. xi: local coordinate of a
-            roll spring in its knot span, -1 to 1.
+        aims: whether a spring for r' aims at the direction of its grasp. xi: of the twist, local
+            coordinate in its knot span, -1 to 1.
     """
 
     point: int
@@ -162,9 +162,6 @@ def holding_of(
     """
     n = scene.discretization.control_points
     holding = Holding()
-    ends = np.array([end.spring for end in scene.ends.values()], dtype=float)  # [N/m]
-    directions: list[Row] = []
-    between: list[Row] = []
     for grasp, (name, holder) in enumerate(scene.holders.items()):
         geometry, is_end = geometries[name], name in scene.ends
         if geometry.u is None:
@@ -185,22 +182,20 @@ def holding_of(
             for x, y, z in across(geometry, axes):
                 holding.rows.append(Row(point, grasp, -1, (x, y, z)))
         if holder.clamped and is_end and twist:
-            holding.rows.append(Row(holding.hold(replace(spot, twist=True)), grasp, len(axes)))
-        if is_end:
-            holding.springs += _springs(holding, spot, grasp, ends[grasp], axes)
-        else:
-            between += _springs(holding, spot, grasp, holder.spring, axes)
+            point, xi = holding.hold(replace(spot, twist=True)), -1.0 if name == "start" else 1.0
+            holding.rows.append(Row(point, grasp, len(axes), xi=xi))
+        holding.springs += _springs(holding, spot, grasp, holder.spring, axes)
+        if not is_end:
             _check_independent(holding, name, geometry.u, scene)
         if holder.holds_direction:
             place, slope = _between(knots, geometry.u)
             stiffness = [holder.tangent_spring] * 3
-            directions += _springs(holding, slope, grasp, stiffness, axes, aims=True)
+            holding.springs += _springs(holding, slope, grasp, stiffness, axes, aims=True)
             roll = stiffness_of_roll(holder, scene)
             if twist and roll:
                 point = holding.hold(replace(place, twist=True))
                 xi = float(bspline.locate(knots, geometry.u)[1])
-                directions.append(Row(point, grasp, len(axes), stiffness=roll, xi=xi))
-    holding.springs += directions + between
+                holding.springs.append(Row(point, grasp, len(axes), stiffness=roll, xi=xi))
     held = [
         float(geometries[name].u or 0.0)
         for name, holder in scene.holders.items()

@@ -234,7 +234,8 @@ class Running:
             raise
         self.turn_natural_shape()
         if self.choice.method.family != IMPLICIT:  # implicit steps account for the jump exactly
-            self.cable.jump(self.time, lambda points: self.ends.put(points, self.time))
+            twists = self.cable.held_twists(self.time)
+            self.cable.jump(self.time, lambda points: self.ends.put(points, self.time, twists))
 
     def move_along(self, end: str, path: Array | EndMotion) -> None:
         """Say what the terms do not show of an end effector that moves through poses (K, 7).
@@ -247,7 +248,8 @@ class Running:
             poses = bodies.poses_of(path) if isinstance(path, EndMotion) else path
             if self.ends.leaves_plane(end, poses, self.model.axes, self.geometries[end]):
                 needs = needs.in_plane(self.scene)
-            if self.scene.terms.twist == "off" and self.ends.twists(end, poses):
+            rolled = self.cable.held_twists(self.time)[list(self.scene.holders).index(end)]
+            if self.scene.terms.twist == "off" and self.ends.twists(end, poses, rolled):
                 needs = needs.twisted(self.scene)
         self.needs = needs
 
@@ -272,7 +274,7 @@ class Running:
         held = self.scene.holders.keys() & motions.keys()
         for name, motion in motions.items():
             if name in held:
-                self.ends.go_on(name, self.time, motion)
+                self.ends.go_on(name, motion)
             else:
                 bodies.write(self.body(name), motion)
         if held:
@@ -411,7 +413,8 @@ class Running:
             self.ends.hold(grasp, geometry)
             if geometry.u is not None:
                 angle = self.curve.twist_at(geometry.u, self.cable.points)
-                self.ends.count_from(grasp, self.time, angle)
+                number = list(self.scene.holders).index(grasp)
+                self.cable.count_twists(self.time, [(number, angle)])
             self.activate(model)
             if geometry.u is None:
                 self.cable.part_strands(held)
@@ -488,8 +491,7 @@ class Running:
             speed = self.model.own_columns("velocities", rates, rest=False)
         before = self.snapshot()
         given = place.copy()
-        self.ends.take_frame_turns(self.cable.frame_turn)
-        self.ends.put(place, 0.0)
+        self.put_held(place, 0.0)
         self.cable.forget_contact()
         self.noticed.clear()
         self.cable.put(place, speed, 0.0)
@@ -539,8 +541,7 @@ class Running:
         cable.settle(self.time)
         before, kept = cable.present_energy(), (cable.state.copy(), cable.inputs.copy())
         lost = cable.account.dissipated
-        self.ends.take_frame_turns(cable.frame_turn)
-        self.ends.put(points, self.time)
+        self.put_held(points, self.time)
         cable.put(points, rates, self.time, follow=True)
         work = cable.present_energy() - before + cable.account.dissipated - lost
         if not math.isfinite(work):
@@ -558,7 +559,6 @@ class Running:
         cable, points, rates = self.cable, self.cable.points, self.velocities
         pulled = dict(zip(self.model.spring_places, cable.anchors.tolist(), strict=True))
         in_material_frame = self.model.has(MATERIAL)
-        self.ends.take_frame_turns(cable.frame_turn)
         self.needs = model.needs
         cable.activate(model)
         self.hold_cable()
@@ -569,12 +569,18 @@ class Running:
             self.lay_natural_shape()
         cable.flow()
 
+    def put_held(self, points: Array, t: float) -> None:
+        """Write what the ends prescribe at time t to control points; twist counts from there."""
+        twists = self.cable.held_twists(t)
+        self.ends.put(points, t, twists)
+        self.cable.count_twists(t, enumerate(twists))
+
     def hold_cable(self) -> None:
         """Let the end effectors and grasps hold the cable where they are now, with the natural
         shape of the scene.
         """
         self.ends.live_in(self.cable.motion)
-        self.ends.pull_springs(self.cable, self.time)
+        self.cable.pull(self.time)
         self.cable.point_grasps(self.time if self.steps else 0.0)
         self.cable.place_obstacles(self.time)
         self.natural = NaturalShape(self.cable, self.start_orientation)

@@ -410,7 +410,7 @@ class Simulator(Running):
         motion = motion.moved(-self.model.origin)
         self.move_along(end, motion)
         if not self.ends.follow_later(end, self.time, motion):
-            self.ends.follow(end, self.time, motion)
+            self.ends.follow(end, motion)
         self.turn_natural_shape()
 
     @recorded

@@ -86,7 +86,7 @@ def leaves_clamp_backwards(points: Array, ends: EndDrive, time: float = 0.0) -> 
     """Name of a clamped end whose first edge points against its clamp at a time [s]; "" if none."""
     for name in ends.clamped:
         edge = points[1] - points[0] if name == "start" else points[-1] - points[-2]
-        if (edge[:3] * ends.direction_at(name, time)).sum() <= 0.0:
+        if (edge[:3] * ends.tangent(name, time)).sum() <= 0.0:
             return str(name)
     return ""
 

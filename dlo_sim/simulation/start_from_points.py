@@ -145,7 +145,7 @@ def _held_rows(
         value, slope = (bspline.evaluate(np.eye(n), knots, np.array([u]), k)[0] for k in (0, 1))
         fixed = list(holder.fixed)
         rows += [np.kron(value, axis) for axis in np.eye(3)[fixed]]
-        places += ends.place_at(name, 0.0)[:3][fixed].tolist()
+        places += ends.held_at(name, 0.0)[0][fixed].tolist()
         if holder.clamped:
             across = np.linalg.svd(ends.tangent(name, 0.0)[None])[2][1:]
             rows += [np.kron(slope, axis) for axis in across]

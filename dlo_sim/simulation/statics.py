@@ -38,6 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, mass, rotations
+from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine.arrays import (
     ANY_STRETCH,
     BISHOP,
@@ -146,7 +147,7 @@ class FirstShape:
         searched = resting or backwards
         if near is not None and searched:
             points = near.copy()
-        self._ends.put(points, 0.0, anew=True)
+        self._ends.put(points, 0.0, cable.held_twists(0.0), anew=True)
         cable.put(points, np.zeros_like(points), 0.0)
         self._align()
         if continues:
@@ -320,15 +321,18 @@ class FirstShape:
     def _place_ends(self, way: _Way, share: float) -> None:
         """Put what holds the cable at a share of the way."""
         for name, geometry in way.at(share).items():
-            self._ends.rest_at(name, geometry.position, geometry.orientation)
+            resting = EndMotion.resting(geometry.position, geometry.orientation)
+            self._ends.go_on(name, resting)
+        twists = self._cable.held_twists(0.0)
         self._cable.motion[:] = self._ends.motion
-        self._ends.pull_springs(self._cable, 0.0)
+        self._cable.count_twists(0.0, enumerate(twists))
+        self._cable.pull(0.0)
         self._cable.point_grasps(0.0)
 
     def _put_on(self, way: _Way, share: float, points: Array, anew: bool = False) -> None:
         """Put the cable at rest at a share of the way."""
         self._place_ends(way, share)
-        self._ends.put(points, 0.0, anew)
+        self._ends.put(points, 0.0, self._cable.held_twists(0.0), anew)
         self._cable.put(points, np.zeros_like(points), 0.0, follow=self._lay is None)
         self._align()
 
@@ -421,7 +425,7 @@ class FirstShape:
         what holds the roll keeps still from the shape without twist on.
         """
         cable, account = self._cable, self._cable.account
-        before = cable.state.copy()
+        before, twists = cable.state.copy(), cable.held_twists(0.0)
         for rolls in (True, False) if cable.model.has(BISHOP) else ():
             cable.state[:] = before
             if self._lay:
@@ -431,8 +435,8 @@ class FirstShape:
             found = relax(cable, lay, twist=True, rolls=rolls, across=self._across)
             account.slip = 0.0
             cable.flow()
-            self._ends.take_frame_turns(cable.frame_turn)
-            cable.motion[:] = self._ends.motion
+            if rolls:
+                cable.count_twists(0.0, enumerate(twists))
             if found:
                 return
         if cable.model.has(BISHOP):

@@ -39,10 +39,16 @@ def bench():
     return Bench(BOTH, n=8)
 
 
+def follow(bench, end, path):
+    """Let an end effector follow a motion, with the twist angle 0 at time 0."""
+    bench.drive.follow(end, path)
+    bench.cable.count_twists(0.0, enumerate([0.0, 0.0]))
+
+
 def placed(bench, row, t):
     """Attachment point, tangent and twist angle."""
     end = ("start", "end")[row]
-    place = bench.drive.place_at(end, t)
+    place = bench.placed(row, t)
     tangent = np.array(TANGENTS[end])
     turn(bench.drive.motion[row].copy(), t, tangent)
     return np.array([*place[:3], *tangent, place[3]])
@@ -54,7 +60,7 @@ def rates(bench, row, t):
     cable = bench.cable
     cable.point_grasps(t)
     points = straight(bench)
-    bench.drive.put(points, t)
+    bench.drive.put(points, t, cable.held_twists(t))
     cable.put(points, 0.0 * points)
     return cable.velocities(t)[:, (0, -1)[row]]
 
@@ -63,7 +69,7 @@ def rates(bench, row, t):
 @pytest.mark.parametrize("t", [0.0, 0.1, 0.23, 0.5, 0.9])
 def test_attachment_and_tangent_follow_the_motion(bench, row, end, t):
     path = motion()
-    bench.drive.follow(end, 0.0, path)
+    follow(bench, end, path)
     s = min(max(t - 0.1, 0.0), 0.4)
     turn = rotation([0.3, -0.2, 0.5])
     if s > 0:
@@ -77,7 +83,7 @@ def test_attachment_and_tangent_follow_the_motion(bench, row, end, t):
 @pytest.mark.parametrize(("row", "end"), [(0, "start"), (1, "end")])
 @pytest.mark.parametrize("t", [0.11, 0.3, 0.49])
 def test_rates_are_the_derivatives_of_the_places(bench, row, end, t):
-    bench.drive.follow(end, 0.0, motion())
+    follow(bench, end, motion())
     h = 1e-5
     slope = (placed(bench, row, t + h) - placed(bench, row, t - h)) / (2 * h)
     found = rates(bench, row, t)
@@ -87,7 +93,7 @@ def test_rates_are_the_derivatives_of_the_places(bench, row, end, t):
 
 
 def test_an_end_that_has_arrived_rests(bench):
-    bench.drive.follow("start", 0.0, motion())
+    follow(bench, "start", motion())
     assert not rates(bench, 0, 0.05).any()
     assert not rates(bench, 0, 0.51).any()
     assert np.array_equal(placed(bench, 0, 0.5), placed(bench, 0, 7.0))
@@ -97,7 +103,7 @@ def test_an_end_that_has_arrived_rests(bench):
 def test_turning_about_the_tangent_twists_by_the_same_angle(bench, row, end):
     """Positive about the direction from start to end, at both ends; the tangent stays."""
     tangent = rotation([0.3, -0.2, 0.5]) @ np.array(TANGENTS[end])
-    bench.drive.follow(end, 0.0, motion(rotation=(2.0 * tangent, 1.5 * tangent)))
+    follow(bench, end, motion(rotation=(2.0 * tangent, 1.5 * tangent)))
     start = placed(bench, row, 0.0)
     for t in (0.2, 0.5):
         s = t - 0.1
@@ -110,22 +116,34 @@ def test_turning_about_the_tangent_twists_by_the_same_angle(bench, row, end):
 def test_swinging_the_tangent_does_not_twist(bench):
     tangent = rotation([0.3, -0.2, 0.5]) @ np.array(TANGENTS["start"])
     across = np.cross(tangent, [0.0, 0.0, 1.0])
-    bench.drive.follow("start", 0.0, motion(rotation=(3.0 * across, across)))
+    follow(bench, "start", motion(rotation=(3.0 * across, across)))
     assert abs(placed(bench, 0, 0.4)[6]) < 1e-14
     assert abs(rates(bench, 0, 0.4)[3]) < 1e-14
 
 
+def test_a_direction_that_jumps_to_its_opposite_twists_by_some_angle(bench):
+    """The smallest rotation there is not unique."""
+    tangent = rotation([0.3, -0.2, 0.5]) @ np.array(TANGENTS["start"])
+    across = np.cross(tangent, [0.0, 0.0, 1.0])
+    across *= np.pi / np.linalg.norm(across)
+    follow(bench, "start", motion())
+    before = rotations.from_rotation_vector([0.3, -0.2, 0.5])
+    opposite = rotations.multiply(rotations.from_rotation_vector(across), before)
+    bench.drive.follow("start", EndMotion.resting([0, 0, 0], opposite))
+    assert abs(placed(bench, 0, 0.0)[6]) <= np.pi
+
+
 def test_twist_goes_on_from_motion_to_motion(bench):
     tangent = rotation([0.3, -0.2, 0.5]) @ np.array(TANGENTS["start"])
-    bench.drive.follow("start", 0.0, motion(rotation=(2.0 * tangent, 0.0 * tangent)))
+    follow(bench, "start", motion(rotation=(2.0 * tangent, 0.0 * tangent)))
     half = placed(bench, 0, 0.3)[6]
     later = EndMotion.resting([0, 0, 0], bench.drive.pose("start", 0.3)[1], start=0.3)
-    bench.drive.follow("start", 0.3, later)
+    bench.drive.follow("start", later)
     assert half == pytest.approx(0.4)
     assert placed(bench, 0, 0.3)[6] == pytest.approx(0.4)
 
 
 def test_twist_counts_whole_turns(bench):
     tangent = rotation([0.3, -0.2, 0.5]) @ np.array(TANGENTS["start"])
-    bench.drive.follow("start", 0.0, motion(rotation=(40.0 * tangent, 0.0 * tangent)))
+    follow(bench, "start", motion(rotation=(40.0 * tangent, 0.0 * tangent)))
     assert placed(bench, 0, 0.5)[6] == pytest.approx(16.0)

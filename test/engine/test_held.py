@@ -44,7 +44,7 @@ def bench(request):
 @pytest.fixture
 def clamped():
     bench = Bench(CLAMPED | TWISTED)
-    bench.drive.follow("start", 0.0, TURNING)
+    bench.drive.follow("start", TURNING)
     bench.drive.motion[0, 0] = 1.0
     return bench
 
@@ -100,14 +100,12 @@ def test_accelerations_are_those_of_the_constrained_cable(grading):
 def test_a_drift_places_what_is_held_exactly_and_leaves_the_clamps_length_free(clamped):
     """After a jump the rows have their targets; the neighbour's distance is what was free."""
     cable, points = clamped.cable, wild(clamped)
-    clamped.drive.put(points, 0.0)
+    clamped.drive.put(points, 0.0, cable.held_twists(0.0))
     cable.put(points, 0.0 * points)
     cable.jump(0.3, lambda points: None)
     rows, targets = clamped.held(0.3)
     assert np.abs(rows @ flat(cable.x) - targets).max() < 1e-14
-    assert np.array_equal(
-        cable.x[:3, 0], clamped.drive.place_at("start", 0.3)[:3]
-    )  # to the last bit
+    assert np.array_equal(cable.x[:3, 0], clamped.drive.held_at("start", 0.3)[0])  # to the last bit
     arm = cable.x[:3, 1] - cable.x[:3, 0]
     tangent = clamped.drive.tangent("start", 0.3)
     assert np.abs(np.cross(arm, tangent)).max() < 1e-14

@@ -38,7 +38,7 @@ def reference(damping, springs_move, precision=1e-10):
     """Control points and velocities after the run, by an independent Runge-Kutta program."""
     bench = Bench(DAMPING[damping], LOAD, n=6)
     for end, motion in motions(springs_move).items():
-        bench.drive.follow(end, 0.0, motion)
+        bench.drive.follow(end, motion)
     solver, q = Reference(bench, DURATION), straight(bench)[:, :3]
     return solver.run(q, solver.at_rest(q), precision)
 

@@ -157,3 +157,12 @@ def test_a_roll_that_is_held_from_now_on_is_held_where_it_is(key):
 
 def test_a_roll_that_is_switched_off_is_missed():
     assert any(line.startswith("terms.twist: off") for line in held(terms__twist="off").warnings)
+
+
+def test_a_jump_of_a_roll_that_is_switched_off_is_missed():
+    sim = simulator(SHAFT, {"terms.twist": "off"}, method="energy_momentum", step=0.01)
+    before = sim.warnings
+    turned = rotations.from_rotation_vector(0.5 * sim.ends.tangent("end", 0.0))
+    sim.set_end("end", orientation=rotations.multiply(turned, sim.end_pose("end")[1]))
+    assert any(line.startswith("terms.twist: off") for line in sim.warnings)
+    assert not any(line.startswith("terms.twist: off") for line in before)

@@ -73,7 +73,7 @@ def measured_defect(step, scene, tau, motion=MOVING, factor=1.0):
     """
     bench = Bench(scene, n=5)
     if motion:
-        bench.drive.follow("start", 0.0, motion)
+        bench.drive.follow("start", motion)
     inertia, before, after = bench.mass(), bench.free_motions(0.0), bench.free_motions(tau)
     bent = 0.3 * (wild(bench, 1) - wild(bench, 2))[:, :3].ravel()
     rates = 0.5 * np.random.default_rng(4).normal(size=15)
