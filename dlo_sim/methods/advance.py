@@ -27,7 +27,7 @@ from dlo_sim.engine.arrays import (
     records_at,
 )
 from dlo_sim.engine.assembly import flow
-from dlo_sim.engine.rows import set_targets
+from dlo_sim.engine.rows import grasps_move, set_targets
 from dlo_sim.engine.sampling import begin_sample, end_sample
 from dlo_sim.methods.implicit import implicit_step
 from dlo_sim.methods.runge_kutta import runge_kutta_step
@@ -45,7 +45,8 @@ def explicit_step(method, cable, step, tau):
         done = runge_kutta_step(method, cable, step, tau)
     else:
         done = zhai_step(method, cable, step, tau)
-    set_targets(cable, (step + 1) * tau)
+    if grasps_move(cable):
+        set_targets(cable, (step + 1) * tau)
     if flow(cable, (step + 1) * tau):
         cable.work.results.forces_known = 0.0
     return OK if done else NOT_CONVERGED
