@@ -398,15 +398,15 @@ def tried(case: Case, truth: Reference, setting: Setting, budget: float) -> Trie
 def _settings(case: Case, quick: bool, method: str, n_u: int) -> list[Setting]:
     """The settings of a method and a resolution that are tried on a case."""
     family, first = METHODS[method].family, Setting(method, n_u)
+    if family == IMPLICIT:
+        ways = ways_to_resolve(case.scene, method)
+        return [
+            Setting(method, n_u, step, stretch=stretch, knots=knots, tolerance=tolerance)
+            for stretch, knots in (ways if method in BY_SPAN else ways[:1])
+            for step in STEPS[quick]
+            for tolerance in ((None, LOOSE) if method == "energy_momentum" else (None,))
+        ]
     try:
-        if family == IMPLICIT:
-            ways = ways_to_resolve(case.scene, method)
-            return [
-                Setting(method, n_u, step, stretch=stretch, knots=knots, tolerance=tolerance)
-                for stretch, knots in (ways if method in BY_SPAN else ways[:1])
-                for step in STEPS[quick]
-                for tolerance in ((None, LOOSE) if method == "energy_momentum" else (None,))
-            ]
         found = [at_share(case.job, first, share) for share in SHARES[quick]]
     except SceneError:
         return [first]  # the attempt is refused for the same reason

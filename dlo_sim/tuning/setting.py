@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene, scene_values
 from dlo_sim.scene.needs import needs_of
+from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.resolution import resolved
 
 FEW = 7  # control points, of a cable with long spans
@@ -88,5 +89,8 @@ def ways_to_resolve(scene: Scene, method: str) -> tuple[tuple[str, str], ...]:
     if "stretch" not in needs_of(replace(scene, integrator=integrator)):
         return (plain,)
     coarse = Setting(method, FEW, 1e-3, knots="auto").applied(scene)
-    graded = resolved(coarse)[0].discretization.knots == "graded"
+    try:
+        graded = resolved(coarse)[0].discretization.knots == "graded"
+    except SceneError:  # an attempt with this method is refused for the same reason
+        graded = False
     return (plain, ("span", "uniform"), *[("span", "auto")] * graded)

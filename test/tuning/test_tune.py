@@ -281,6 +281,15 @@ def test_stretching_that_is_left_out_is_tried_one_way():
     assert ways_to_resolve(scene, "velocity_verlet") == (("sample", "uniform"), ("span", "uniform"))
 
 
+def test_methods_that_mass_damping_refuses_are_only_left_out():
+    """Compositions have negative sub-steps: a clamped cable with weight was refused for them."""
+    values = {"cable.length": 0.6, "cable.diameter": 0.006, "cable.youngs_modulus": 2e6}
+    held = {"start.clamped": True, "end.clamped": True, "end.fixed": [True] * 3}
+    scene = scene_from_values(values | held | {"end.position": [0.5, 0, 0], "damping.mass": 2.0})
+    graded = {name for name in TRIED if ("span", "auto") in ways_to_resolve(scene, name)}
+    assert graded == {"energy_momentum", "implicit_midpoint"} < IMPLICIT_TRIED
+
+
 def test_graded_knots_are_tried_where_a_heavy_cable_is_clamped():
     held = {"start.fixed": [True] * 3, "start.clamped": True, "start.spring": [0.0] * 3}
     clamped = held | {"gravity": [0.0, 0.0, -9.81], "cable.bending_stiffness": 1e-3}
