@@ -323,10 +323,7 @@ def set_targets(cable, t):
 @inline
 def turn_rows(cable, t, out):
     """out = directions of the turning rows at time t."""
-    for g in range(cable.grasps):
-        r = rotation_at(cable.inputs.motion[g], t)
-        for k in range(9):
-            cable.work.held[g, ROTATION + k] = r[k]
+    set_held(cable, t)
     for k in range(cable.rows.count):
         if turns(cable, k):
             e = direction_of(cable, k)
