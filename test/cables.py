@@ -164,7 +164,7 @@ class Bench:
         self.cable = Cable(self.model)
         self.n, self.axes = self.model.n, self.model.axes
         self.greville = bspline.greville(self.model.knots)
-        self.drive = EndDrive(self.scene, geometries, self.model.knots)
+        self.drive = EndDrive(self.model)
         self.drive.live_in(self.cable.motion)
         for row, load in zip(self.cable.loads, self.scene.loads, strict=False):
             if load.signal != "none":

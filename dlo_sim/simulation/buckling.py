@@ -48,6 +48,8 @@ def look_due(cable: Cable) -> int:
     """Every how many looks at a straight cable this one is looked at: 1 if it is nearly straight,
     PLANE_LOOKS if it is nearly plane, 0 (never soon) otherwise.
     """
+    if cable.model.layout is not None:  # what nets do beside their plane is not known
+        return 0
     lying = len(_extent(cable, BENT))
     return 1 if lying == 1 else PLANE_LOOKS if lying < len(cable.model.axes) else 0
 

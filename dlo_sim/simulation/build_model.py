@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +20,11 @@ from dlo_sim.scene.terms import TERMS
 from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.arrays import sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.geometry import Geometries, stiffening
+from dlo_sim.simulation.held_rows import fill_rows, held_values
 from dlo_sim.simulation.holding import Holding, holding_of
+from dlo_sim.simulation.join_strands import joined
 from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.net import local_geometries
 from dlo_sim.simulation.obstacles import fields_of, pieces_of
 from dlo_sim.simulation.resolution import knot_grading
 
@@ -35,16 +40,59 @@ def build_model(
         scene: `resolution.resolved`.
         origin: that of the geometries in the world [m], default zero.
     """
+    origin, strands = np.zeros(3) if origin is None else origin, scene.strands
+    counts = _counts([strand.scene for strand in strands], needs)
+    models = {
+        strand.name: _model(
+            strand.scene, needs, local_geometries(strand, geometries), origin, counts
+        )
+        for strand in strands
+    }
+    if not scene.is_net:
+        return next(iter(models.values()))
+    return joined(scene, needs, geometries, models)
+
+
+class _Counts(NamedTuple):
+    """What the strands of a scene have in common.
+
+    Attributes:
+        curved: whether any has a natural shape, or yields. pieces: `obstacles.pieces_of`.
+        segments: of a span, that touch each other.
+    """
+
+    curved: bool
+    pieces: tuple[int, int]
+    segments: int
+
+
+def _knots(scene: Scene) -> Array:
+    number = scene.discretization.control_points
+    return bspline.clamped_knots(number, scene.cable.length, knot_grading(scene))
+
+
+def _counts(scenes: Sequence[Scene], needs: Needs) -> _Counts:
+    shaped = any(scene.cable.shaped for scene in scenes)
+    pieces, segments = [(0, 0)], [0]
+    if "contact" in needs:
+        pieces = [pieces_of(scene) for scene in scenes]
+    if "self_contact" in needs:
+        segments = [self_contact.segments_of(scene, _knots(scene)) for scene in scenes]
+    closest = max(one for one, _ in pieces), max(one for _, one in pieces)
+    return _Counts("bend" in needs and ("plasticity" in needs or shaped), closest, max(segments))
+
+
+def _model(
+    scene: Scene, needs: Needs, geometries: Geometries, origin: Array, counts: _Counts
+) -> Model:
+    """Constants of one strand, as a scene of its own."""
     n, axes, twist = scene.discretization.control_points, needs.axes, "twist" in needs
-    knots = bspline.clamped_knots(n, scene.cable.length, knot_grading(scene))
+    knots = _knots(scene)
     rule = _quadrature(scene, knots)
     holding = holding_of(scene, geometries, knots, axes, twist)
-    curved = "bend" in needs and ("plasticity" in needs or scene.cable.shaped)
-    pieces = pieces_of(scene) if "contact" in needs else (0, 0)
     fields = fields_of(scene) if "contact" in needs else ()
-    segments = self_contact.segments_of(scene, knots) if "self_contact" in needs else 0
     sizes = sizes_of(
-        terms=_terms(scene, needs, curved, holding),
+        terms=_terms(scene, needs, counts.curved, holding),
         dim=len(axes),
         twist=twist,
         n=n,
@@ -53,18 +101,17 @@ def build_model(
         grasps=len(geometries),
         loads=len(scene.loads) if "loads" in needs else 0,
         obstacles=len(scene.bodies) * ("contact" in needs),
-        pieces=sum(pieces),
-        segments=segments,
+        pieces=sum(counts.pieces),
+        segments=counts.segments,
         field_values=sum(field.values.size for field in fields),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
     arrays.axes[: len(axes)] = axes
-    arrays.contact.pieces, arrays.contact.guide_pieces = pieces
-    arrays.chain.segments = segments
+    arrays.contact.pieces, arrays.contact.guide_pieces = counts.pieces
+    arrays.chain.segments = counts.segments
     rest = np.array(geometries["start"].attachment)
     rest[list(axes)] = 0.0
     bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
-    origin = np.zeros(3) if origin is None else origin
     axial = scene.cable.EA
     if inextensible(scene):  # the penalty factor of `engine.tension`
         axial = max(axial, PENALTY * (_weight(scene) + scene.cable.EI / scene.cable.length**2))
@@ -75,33 +122,6 @@ def build_model(
     model = Model(*of, arrays, knots, rule, *lines, *stiffness, rest, origin, places, fields)
     _Filling(model).fill()
     return model
-
-
-def held_values(model: Model) -> Array:
-    """Basis values b of the held points, shape (points, n)."""
-    values = [point.values(model.n) for point in model.holding.points]
-    return np.reshape(values, (-1, model.n))
-
-
-def fill_rows(model: Model, values: Array, shifts: Array) -> None:
-    """Write held points and constraint rows to the arrays of a model.
-
-    Args:
-        values: b of the points (`held_values`). shifts: M^-1 b, of the same shape.
-    """
-    holding, points, rows = model.holding, model.arrays.points, model.arrays.rows
-    for p, point in enumerate(holding.points):
-        points.first[p], points.own[p], points.twist[p] = point.first, point.own, point.twist
-        points.other[p], points.other_weights[p] = point.other, point.other_weights
-        points.weights[p] = point.weights
-        points.sum[p] = sum(point.weights) if point.other < 0 else 0.0
-    without_margins(points.shift, model.n)[:] = shifts
-    points.product[:] = np.einsum("pn,qn->pq", values, shifts)
-    rows.count = len(holding.rows)
-    for k, row in enumerate([*holding.rows, *holding.springs]):
-        rows.point[k], rows.grasp[k], rows.line[k] = row.point, row.grasp, row.line
-        rows.body[k], rows.stiffness[k], rows.aims[k] = row.body, row.stiffness, row.aims
-        rows.xi[k] = row.xi
 
 
 # Share of the polar inertia that a cable with quasistatic twist keeps, because it could not be
@@ -141,14 +161,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool, holding: Holding) -> int:
     }
     present |= {bit: name in needs for name, bit in bits.BITS.items()}
     active = sum(bit for bit, there in present.items() if there)
-    return active | obstacles.terms_of(scene) * ("contact" in needs) | terms_of_holding(holding)
-
-
-def terms_of_holding(holding: Holding) -> int:
-    """Bits of what holds the cable: places between control points, springs."""
-    bordered = holding.border > 0 or holding.joints > 0
-    sprung, sliding = len(holding.springs) > 0, len(holding.slides) > 0
-    return bits.BORDERED * bordered | bits.SPRUNG * sprung | bits.SLIDING * sliding
+    return active | obstacles.terms_of(scene) * ("contact" in needs) | holding.terms
 
 
 FEWEST_WITH_ENDS = 3  # Gauss points a span from which one may move to an end without harm

@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, rotations
+from dlo_sim.core.strain import strain
 from dlo_sim.engine.frames import curve_frames
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import NEAREST, Geometry
+from dlo_sim.simulation.model import Part
 
 Array = NDArray[np.float64]
 Basis = tuple[NDArray[np.int64], Array, Array]
@@ -18,26 +20,63 @@ MOST_BASES = 16  # sets of material coordinates whose basis values are kept
 
 
 class Curve:
-    """The curve of a cable in its present state.
+    """The curve of one strand of a cable in its present state.
 
     Attributes:
         greville: material coordinate [m] of each control point (Greville abscissa), shape (n_u,).
 
     Args:
         tangent: of the cable at its start, in the frame of the end effector there.
+        number: of the strand, 0 for the main cable.
     """
 
-    def __init__(self, cable: Cable, tangent: Array) -> None:
-        self.greville = bspline.greville(cable.model.knots)
-        self._cable = cable
+    def __init__(self, cable: Cable, tangent: Array, number: int = 0) -> None:
+        self._cable, self._number = cable, number
+        self.greville = bspline.greville(self._part.model.knots)
         self._axis = np.eye(3)[np.argmin(np.abs(tangent))]
         self._bases: dict[bytes, Basis] = {}
+
+    @property
+    def _part(self) -> Part:
+        return self._cable.model.parts[self._number]
+
+    @property
+    def name(self) -> str:
+        """Name of the strand."""
+        return self._part.name
+
+    @property
+    def length(self) -> float:
+        """Rest length [m]."""
+        return self._part.length
+
+    @property
+    def control_points(self) -> Array:
+        """Its control points x, y, z [m], theta [rad], world frame, shape (n_u, 4), a copy."""
+        return self._part.model.in_world(self._own)
+
+    @property
+    def _own(self) -> Array:
+        """Its control points in the cable's coordinates, shape (n_u, 4)."""
+        return self._cable.points[self._part.here]
 
     def points(self, u: Array) -> Array:
         """Points [m] at u, world frame, shape (len(u), 3)."""
         columns, values, _ = self._basis(u)
         points = self._cable.points[:, :3].take(columns, axis=0)
         return np.einsum("mk,mkd->md", values, points) + self._cable.model.origin
+
+    def tension(self, u: Array) -> Array:
+        """`Simulator.tension` of this strand at u."""
+        model = self._part.model
+        if model.scene.without_tension:
+            raise ValueError(f"tension: {model.scene.without_tension}")
+        shape, cable = strain(model.knots, u), model.scene.cable
+        return shape.tension(self._own[:, :3], cable.EA, cable.EI)
+
+    def curvature(self, u: Array) -> Array:
+        """Curvature [1/m] at u, shape (len(u),), 0 or more."""
+        return strain(self._part.model.knots, u).curvature(self._own[:, :3])
 
     def frames(self, u: Array, time: float) -> Array:
         """Material frames at u at time [s] as quaternions x, y, z, w, shape (len(u), 4)."""
@@ -93,10 +132,10 @@ class Curve:
         key = u.tobytes()
         table = self._bases.get(key)
         if table is None:
-            knots = self._cable.model.knots
+            knots, begin = self._part.model.knots, self._part.first
             first, values = bspline.active_basis(knots, u)
             _, slopes = bspline.active_basis(knots, u, 1)
-            table = (first[:, None] + np.arange(bspline.ACTIVE), values, slopes)
+            table = (begin + first[:, None] + np.arange(bspline.ACTIVE), values, slopes)
             if len(self._bases) >= MOST_BASES:
                 self._bases.clear()
             self._bases[key] = table

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,10 +14,12 @@ from dlo_sim.engine import grasps
 from dlo_sim.engine.arrays import MOTION_SIZE
 from dlo_sim.engine.grasps import ACTIVE
 from dlo_sim.methods import between_steps
-from dlo_sim.scene.description import Scene
+from dlo_sim.scene.holders import End
+from dlo_sim.scene.nets import Strand
 from dlo_sim.simulation.bodies import motion_of, write
-from dlo_sim.simulation.geometry import Geometries, Geometry, given_quaternion, known_holder
+from dlo_sim.simulation.geometry import Geometry, given_quaternion, known_holder
 from dlo_sim.simulation.holding import across
+from dlo_sim.simulation.model import Model, Part
 from dlo_sim.simulation.timeline import WaitingMotions
 
 Array = NDArray[np.float64]
@@ -33,19 +36,21 @@ class EndDrive:
             MOTION_SIZE); after `live_in` a view of the inputs. A row is active if the scene drives
             the end effector or a caller has moved it.
         queue: motions of these, and of obstacles, that have not begun.
-        clamped: the ends that hold the direction of the cable rigidly; clamps: their rows as bits.
+        tips: the ends of the strands.
     """
 
-    def __init__(self, scene: Scene, geometries: Geometries, knots: Array) -> None:
+    def __init__(self, model: Model) -> None:
+        scene, geometries = model.scene, model.geometries
         self._scene = scene
         self._rows = {name: row for row, name in enumerate(scene.holders)}
         self.motion = np.zeros((len(self._rows), MOTION_SIZE))
-        self.clamped = tuple(name for name, end in scene.ends.items() if end.clamped)
-        self.clamps = sum(1 << self._rows[name] for name in self.clamped)
+        self.tips = [
+            tip
+            for strand, part in zip(scene.strands, model.parts, strict=True)
+            for tip in _tips(strand, part)
+        ]
         self._motions: dict[str, EndMotion] = {}
         self.queue = WaitingMotions()
-        spans = np.diff(bspline.breaks(knots))
-        self._thirds = {"start": float(spans[0]) / 3.0, "end": float(spans[-1]) / 3.0}
         self._near = NEAR * scene.cable.length
         for name, holder in scene.holders.items():
             geometry = geometries[name]
@@ -60,6 +65,14 @@ class EndDrive:
         row[grasps.ATTACHMENT : grasps.ATTACHMENT + 3] = arm
         row[grasps.DIRECTION : grasps.DIRECTION + 3] = geometry.tangent
         row[grasps.DIRECTOR : grasps.DIRECTOR + 3] = across(geometry, (0, 1, 2))[0]
+
+    def clamped_rows(self, first: int) -> tuple[int, int]:
+        """Rows of the holders that clamp the ends of the strand whose first holder is in row
+        `first`, -1 without.
+        """
+        clamped = {self._rows[tip.name] for tip in self.tips if tip.end.clamped}
+        start, end = (row if row in clamped else -1 for row in (first, first + 1))
+        return start, end
 
     def live_in(self, motion: Array) -> None:
         """From now on write to `motion`, a view of the inputs."""
@@ -103,24 +116,21 @@ class EndDrive:
         The neighbour of a clamped end is projected onto the tangent. With `anew`, or if it is then
         too close to the end, it is put at a distance of a third of the span at that end.
         """
-        n = len(points)
-        for name, end in self._scene.ends.items():
-            start = name == "start"
-            outer, inner = (0, 1) if start else (n - 1, n - 2)
-            place, direction = self.held_at(name, t)
+        for tip in self.tips:
+            place, direction = self.held_at(tip.name, t)
             for axis in range(3):
-                if end.fixed[axis]:
-                    points[outer, axis] = place[axis]
-            if end.clamped:
-                direction *= 1.0 if start else -1.0
-                along = float(((points[inner, :3] - place) * direction).sum())
-                if anew or abs(along) < LEAST_THIRD * self._thirds[name]:
-                    along = self._thirds[name]
+                if tip.end.fixed[axis]:
+                    points[tip.outer, axis] = place[axis]
+            if tip.end.clamped:
+                direction *= 1.0 if tip.inner > tip.outer else -1.0
+                along = float(((points[tip.inner, :3] - place) * direction).sum())
+                if anew or abs(along) < LEAST_THIRD * tip.third:
+                    along = tip.third
                 at = place + along * direction
                 # A difference of round-off must not change the bits of a running simulation.
-                if anew or np.abs(points[inner, :3] - at).max() > 1e-3 * self._near:
-                    points[inner, :3] = at
-                points[outer, 3] = twists[self._rows[name]]
+                if anew or np.abs(points[tip.inner, :3] - at).max() > 1e-3 * self._near:
+                    points[tip.inner, :3] = at
+                points[tip.outer, 3] = twists[self._rows[tip.name]]
 
     def place(
         self,
@@ -250,6 +260,30 @@ class EndDrive:
     def _write(self, end: str, motion: EndMotion) -> None:
         write(self.motion[self._rows[end]], motion)
         self._motions[end] = motion
+
+
+class Tip(NamedTuple):
+    """An end of a strand.
+
+    Attributes:
+        name: of its holder. end: what the scene says of it. outer, inner: its control point, and
+            the next one. third: of the knot span there [m].
+    """
+
+    name: str
+    end: End
+    outer: int
+    inner: int
+    third: float
+
+
+def _tips(strand: Strand, part: Part) -> tuple[Tip, Tip]:
+    spans = np.diff(bspline.breaks(part.model.knots)) / 3.0
+    first, last = part.here.start, part.here.stop - 1
+    return (
+        Tip(strand.holder("start"), strand.scene.start, first, first + 1, float(spans[0])),
+        Tip(strand.holder("end"), strand.scene.end, last, last - 1, float(spans[-1])),
+    )
 
 
 def apart(pose: tuple[Array, Array], position: Array, orientation: Array) -> tuple[float, float]:

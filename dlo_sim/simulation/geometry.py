@@ -110,7 +110,7 @@ def geometries_of(
     u = np.linspace(0.0, length, NEAREST)
     for grasp in scene.grasps:
         if grasp.taken and grasp.at < 0.0:
-            there = _first_line(scene, result, u) - result[grasp.name].attachment
+            there = first_line(scene, result, u) - result[grasp.name].attachment
             nearest = float(u[np.argmin(np.linalg.norm(there, axis=1))])
             result[grasp.name] = replace(result[grasp.name], u=nearest)
     return result
@@ -162,7 +162,7 @@ def first_shape(scene: Scene, geometries: Geometries, knots: Array) -> Array:
     Between neighbouring held points it is a straight line if their distance is at least the rest
     length, else a sagging arc of that length; before the first and after the last it is straight.
     """
-    return bspline.interpolate(knots, _first_line(scene, geometries, bspline.greville(knots)))
+    return bspline.interpolate(knots, first_line(scene, geometries, bspline.greville(knots)))
 
 
 def held_places(scene: Scene, geometries: Geometries) -> list[tuple[float, Geometry]]:
@@ -227,7 +227,7 @@ def stiffening(scene: Scene, geometries: Geometries, breaks: Array) -> Array:
     return np.asarray(1.0 / np.maximum(1.0 - share, 1.0 / STIFFEST))
 
 
-def _first_line(scene: Scene, geometries: Geometries, u: Array) -> Array:
+def first_line(scene: Scene, geometries: Geometries, u: Array) -> Array:
     """Points [m] of the first shape at material coordinates u, shape (len(u), 3)."""
     places = held_places(scene, geometries)
     line = np.empty((len(u), 3))

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, rotations
+from dlo_sim.engine.arrays import BORDERED, SLIDING, SPRUNG
 from dlo_sim.engine.sliding import NEXT
 from dlo_sim.scene.description import EARTH, Grasp, Holder, Scene
 from dlo_sim.scene.refusal import SceneError
@@ -121,6 +122,13 @@ class Holding:
     def joints(self) -> int:
         """Number of springs between branches; they are the first ones."""
         return sum(self.points[spring.point].other >= 0 for spring in self.springs)
+
+    @property
+    def terms(self) -> int:
+        """Bits of what holds the cable: places between control points, springs, slides."""
+        bordered = self.border > 0 or self.joints > 0
+        present = {BORDERED: bordered, SPRUNG: bool(self.springs), SLIDING: bool(self.slides)}
+        return sum(bit for bit, there in present.items() if there)
 
     @property
     def rigid_points(self) -> list[Point]:

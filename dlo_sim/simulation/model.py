@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,11 @@ from dlo_sim.simulation.geometry import Geometries
 from dlo_sim.simulation.holding import Holding
 from dlo_sim.simulation.meshes import Field
 
+if TYPE_CHECKING:
+    from dlo_sim.simulation.net import Layout
+
 Array = NDArray[np.float64]
+MAIN = "cable"  # name of the main strand
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,7 @@ class Model:
             positions in the arrays are relative to it.
         obstacles: their places in the scene, as motions, shape (MOTION_SIZE,). fields: of those
             that are meshes, which are kept while a model needs them.
+        layout: where the strands of a net are; None of a single cable.
     """
 
     scene: Scene
@@ -57,6 +62,7 @@ class Model:
     origin: Array
     obstacles: dict[Obstacle, Array]
     fields: tuple[Field, ...]
+    layout: Layout | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the fields, which another process makes if it needs more than the arrays hold."""
@@ -163,8 +169,40 @@ class Model:
         return without_margins(matrix, self.n)[3:].copy()
 
     @property
+    def parts(self) -> tuple[Part, ...]:
+        """The strands: the main cable first."""
+        if self.layout is None:
+            return (Part(MAIN, self, 0, 0, np.eye(3)),)
+        return tuple(self.layout.parts.values())
+
+    @property
+    def length(self) -> float:
+        """Rest length [m] of the longest strand."""
+        return max(part.length for part in self.parts)
+
+    @property
+    def shares(self) -> Array:
+        """Greville abscissa of each control point as a share of the length of its strand; 0 of
+        those of bodies alone.
+        """
+        out = np.zeros(self.n)
+        for part in self.parts:
+            out[part.here] = bspline.greville(part.model.knots) / part.length
+        return out
+
+    def place_of(self, point: int) -> str:
+        """Where a control point is, in words."""
+        for part in self.parts:
+            if part.here.start <= point < part.here.stop:
+                u = bspline.greville(part.model.knots)[point - part.first]
+                return f"u = {u:.3g} m" + f" of {part.name}" * (part.name != MAIN)
+        return "a body"
+
+    @property
     def sample_shares(self) -> Array:
         """Material coordinate / length of every quadrature point, shape (spans, samples)."""
+        if self.layout is not None:
+            return self.layout.by_span([part.model.sample_shares for part in self.parts])
         return self.rule.places(bspline.breaks(self.knots)) / self.knots[-1]
 
     @property
@@ -187,3 +225,34 @@ class Model:
             if row.line >= 0 and self.holding.points[row.point].own >= 0:
                 mask[row.line, self.holding.points[row.point].own] = True
         return mask
+
+
+@dataclass(frozen=True)
+class Part:
+    """A strand in the arrays of a net.
+
+    Attributes:
+        name: of the strand. model: of the strand alone. first: its first control point.
+        grasp: the first of its holders in the arrays. drawn: frame in which it is drawn.
+    """
+
+    name: str
+    model: Model
+    first: int
+    grasp: int
+    drawn: Array
+
+    @property
+    def here(self) -> slice:
+        """Its control points."""
+        return slice(self.first, self.first + self.model.n)
+
+    @property
+    def spans(self) -> slice:
+        """Its knot spans."""
+        return slice(self.first, self.first + self.model.n - bspline.DEGREE)
+
+    @property
+    def length(self) -> float:
+        """Its rest length [m]."""
+        return float(self.model.knots[-1])

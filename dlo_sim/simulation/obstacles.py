@@ -391,7 +391,8 @@ def tension_along(cable: Cable) -> Callable[[Array], Array] | None:
     ends = bspline.breaks(cable.model.knots)
     middles = 0.5 * (ends[1:] + ends[:-1])
     shape, stiff = strain(cable.model.knots, middles), scene.cable
-    values = shape.tension(cable.points[:, :3], stiff.EA, stiff.EI)
+    main = cable.model.parts[0]
+    values = shape.tension(cable.points[main.here, :3], stiff.EA, stiff.EI)
     return lambda u: np.interp(u, middles, values)
 
 

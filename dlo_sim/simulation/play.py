@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from dlo_sim.core import bspline
 from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.simulation import remarks
 from dlo_sim.simulation.recorder import Recorder
@@ -102,10 +101,9 @@ def stretch(
             remarks.look_at_itself(sim)
         sim.begin_motions()
         if not status.ok:
-            u = bspline.greville(sim.model.knots)[worst]
             message = (
                 f"{explained(status, method)} (at {sim.time:.6g} s, "
-                f"u = {u:.3g} m; method {method.name}, step {step:g} s)"
+                f"{sim.model.place_of(worst)}; method {method.name}, step {step:g} s)"
             )
             return Report(status, message, done, done * step, evaluations)
     note = newton_note(method, step, done, evaluations, sim.scene.touches)

@@ -103,8 +103,8 @@ class Recorder:
 
     def along(self) -> Shapes:
         """The shapes of the samples taken, at outputs.centerline_samples places of the cable."""
-        model, scene, points = self.model, self.model.scene, self.points[:, :, :3]
-        cable = scene.cable
+        main, scene = self.model.parts[0], self.model.scene
+        model, points, cable = main.model, self.points[:, main.here, :3], scene.cable
         u = np.linspace(0.0, cable.length, scene.outputs.centerline_samples)
         shape = strain(model.knots, u)
         return Shapes(

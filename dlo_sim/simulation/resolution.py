@@ -99,6 +99,8 @@ def resolved(scene: Scene) -> tuple[Scene, str]:
 
     What is chosen depends on the scene alone. A scene that leaves nothing open stays as it is.
     """
+    if scene.is_net:
+        return _resolved_net(scene)
     asked, spans = scene.discretization, _wanted_spans(scene)
     grading = _grading(scene, spans)
     number, limited = _number(scene, spans, grading)
@@ -115,6 +117,18 @@ def resolved(scene: Scene) -> tuple[Scene, str]:
         lengths = f"from {_length(shortest)} at clamps to {_length(spans.middle)}"
     reason = limited or f"spans {lengths} for {_aim(scene, spans)}"
     return _with(scene, number, grading), f"{number} control points: {reason}"
+
+
+def _resolved_net(scene: Scene) -> tuple[Scene, str]:
+    """`resolved` of a net: each strand as if it were alone, with equal spans."""
+    values: dict[str, object] = {"discretization.knots": "uniform"}
+    reasons = []
+    for strand in scene.strands:
+        alone, reason = resolved(strand.scene)
+        reasons.append(f"{strand.name}: {reason}")
+        key = strand.key_of("discretization.control_points")
+        values[key] = alone.discretization.control_points
+    return scene.with_values(values), "; ".join(reasons)
 
 
 def continued(scene: Scene, before: Scene) -> Scene:

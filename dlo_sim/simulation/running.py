@@ -115,7 +115,7 @@ class Running:
         self.needs = model.needs
         self.cable = Cable(model)
         self.curve = Curve(self.cable, model.geometries["start"].tangent)
-        self.ends = EndDrive(model.scene, model.geometries, model.knots)
+        self.ends = EndDrive(model)
         self.steps, self.remainder = 0, 0.0
         self.noticed = Noticed()
         self.follower: Callable[[Change], object] | None = None

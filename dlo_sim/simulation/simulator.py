@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import arguments, bspline, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT
-from dlo_sim.core.strain import strain
 from dlo_sim.engine.grasps import ACTIVE, DURATION, START
 from dlo_sim.scene.description import EARTH, Obstacle, Scene, check_added
 from dlo_sim.scene.needs import check_terms, inextensible, needs_of, with_load
@@ -26,10 +25,11 @@ from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation import following, obstacles, remarks, self_contact
 from dlo_sim.simulation.bodies import write
 from dlo_sim.simulation.build_model import build_model
+from dlo_sim.simulation.drawn_strands import held_geometries
 from dlo_sim.simulation.ends import NEAR, apart
 from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, checked_times, shape_times
 from dlo_sim.simulation.frequency import largest_frequency
-from dlo_sim.simulation.geometry import Pose, geometries_of, known_holder, moved, origin_of
+from dlo_sim.simulation.geometry import Pose, known_holder, moved, origin_of
 from dlo_sim.simulation.going_on import load_ahead, take_over
 from dlo_sim.simulation.play import stretch
 from dlo_sim.simulation.reaction import reaction
@@ -93,7 +93,7 @@ class Simulator(Running):
         poses = given
         if isinstance(given, Mapping):  # else `geometries_of` refuses it
             poses = {name: pose for name, pose in given.items() if name not in bodies}
-        held = geometries_of(scene, poses, before.geometries if before else None)
+        held = held_geometries(scene, poses, before.geometries if before else None)
         origin = origin_of(held)
         super().__init__(build_model(scene, needs, moved(held, -origin), origin))
         for name in bodies & set(given):
@@ -109,7 +109,7 @@ class Simulator(Running):
         frequency = 0.0 if implicit else largest_frequency(scene, self.cable)
         choice = choose(scene, frequency, unchecked_step)
         self.step_by(replace(choice, resolution=resolution))
-        if not given and not before:
+        if not given and not before and not scene.is_net:
             remarks.look_at_start(self)
         if not resting:
             self.give_way(let_be=LIGHT * scene.cable.mu * EARTH)
@@ -199,10 +199,7 @@ class Simulator(Running):
         Raises:
             TypeError, ValueError: as `centerline`; the shape does not determine the tension.
         """
-        if self.scene.without_tension:
-            raise ValueError(f"tension: {self.scene.without_tension}")
-        shape, cable = strain(self.model.knots, _coordinates(u)), self.scene.cable
-        return shape.tension(self.cable.points[:, :3], cable.EA, cable.EI)
+        return self.curve.tension(_coordinates(u))
 
     def curvature(self, u: ArrayLike) -> Array:
         """Curvature [1/m] at u, shape (len(u),), 0 or more.
@@ -210,7 +207,7 @@ class Simulator(Running):
         Raises:
             TypeError, ValueError: as `centerline`.
         """
-        return strain(self.model.knots, _coordinates(u)).curvature(self.cable.points[:, :3])
+        return self.curve.curvature(_coordinates(u))
 
     def frames(self, u: ArrayLike) -> Array:
         """Material frames at u as quaternions x, y, z, w, shape (len(u), 4); x axis = tangent.

@@ -29,8 +29,8 @@ from dlo_sim.core.bspline import ACTIVE
 from dlo_sim.engine.arrays import ANY_STRETCH, MARGIN, SPAN_STRETCH, cable_at
 from dlo_sim.engine.grasps import component, direction_at
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.ends import EndDrive
-from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.ends import EndDrive, Tip
+from dlo_sim.simulation.model import MAIN, Model, Part
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Status
 
@@ -52,22 +52,22 @@ def unexplained_stretch(
     """
     if not model.has(ANY_STRETCH):
         return ""
-    name = leaves_clamp_backwards(points, ends, time) if ends else ""
-    if name:
-        u = 0.0 if name == "start" else model.knots[-1]
-        return _line(model, u, "the cable leaves its clamp backwards: a fold")
-    places = _places(model.knots.tobytes())
-    shapes = np.ascontiguousarray(points[..., :3]).reshape(-1, model.n, 3)
-    by_span = model.has(SPAN_STRETCH)
-    span, place, length, explained = worst_stretch(
-        shapes, places.slopes, places.projection, by_span
-    )
-    if abs(length - explained) > BOUND:
-        what = (
-            f"the cable has {length:.2f} of its rest length where its tension explains "
-            f"{explained:.2f}: a fold or cusp"
-        )
-        return _line(model, places.u[int(span), int(place)], what)
+    if tip := leaves_clamp_backwards(points, ends, time) if ends else None:
+        part = next(one for one in model.parts if tip.outer in range(*one.here.indices(model.n)))
+        u = 0.0 if tip.inner > tip.outer else part.length
+        return _line(part, u, "the cable leaves its clamp backwards: a fold")
+    for part in model.parts:
+        places = _places(part.model.knots.tobytes())
+        own = points[..., part.here, :3]
+        shapes = np.ascontiguousarray(own).reshape(-1, part.model.n, 3)
+        given = places.slopes, places.projection, model.has(SPAN_STRETCH)
+        span, place, length, explained = worst_stretch(shapes, *given)
+        if abs(length - explained) > BOUND:
+            what = (
+                f"the cable has {length:.2f} of its rest length where its tension explains "
+                f"{explained:.2f}: a fold or cusp"
+            )
+            return _line(part, places.u[int(span), int(place)], what)
     return ""
 
 
@@ -76,37 +76,54 @@ def sound_now(cable: Cable, ends: EndDrive, time: float) -> str:
     model = cable.model
     if not model.has(ANY_STRETCH):
         return ""
-    places = _places(model.knots.tobytes())
-    if cable.call(is_sound, time, ends.clamps, places.slopes, places.projection):
-        return ""
-    return unexplained_stretch(model, cable.points, ends, time)
-
-
-def leaves_clamp_backwards(points: Array, ends: EndDrive, time: float = 0.0) -> str:
-    """Name of a clamped end whose first edge points against its clamp at a time [s]; "" if none."""
-    for name in ends.clamped:
-        edge = points[1] - points[0] if name == "start" else points[-1] - points[-2]
-        if (edge[:3] * ends.tangent(name, time)).sum() <= 0.0:
-            return str(name)
+    for part in model.parts:
+        places = _places(part.model.knots.tobytes())
+        clamped = ends.clamped_rows(part.grasp)
+        given = time, part.first, part.model.n, *clamped, places.slopes, places.projection
+        if not cable.call(is_sound, *given):
+            return unexplained_stretch(model, cable.points, ends, time)
     return ""
 
 
-@kernel(boolean, int64, float64, int64, ARRAY_3D, ARRAY_3D)
-def is_sound(address: int, t: float, clamps: int, slopes: Array, projection: Array) -> bool:
-    """Whether `unexplained_stretch` has nothing to say of the cable at an address at time t.
+def leaves_clamp_backwards(points: Array, ends: EndDrive, time: float = 0.0) -> Tip | None:
+    """A clamped end whose first edge points against its clamp at a time [s]; None if there is
+    none.
+    """
+    for tip in ends.tips:
+        if tip.end.clamped:
+            edge = points[max(tip.outer, tip.inner)] - points[min(tip.outer, tip.inner)]
+            if (edge[:3] * ends.tangent(tip.name, time)).sum() <= 0.0:
+                return tip
+    return None
+
+
+@kernel(boolean, int64, float64, *[int64] * 4, ARRAY_3D, ARRAY_3D)
+def is_sound(
+    address: int,
+    t: float,
+    first: int,
+    number: int,
+    start: int,
+    end: int,
+    slopes: Array,
+    projection: Array,
+) -> bool:
+    """Whether `unexplained_stretch` has nothing to say of a strand at time t.
 
     Args:
-        clamps: bits of the clamped ends (`EndDrive.clamps`).
+        first, number: its control points. start, end: rows of the grasps that clamp its ends, -1
+            without (`EndDrive.clamped_rows`).
     """
     cable = cable_at(address)
-    shape, by_span = np.zeros((1, cable.n, 3)), cable.terms & SPAN_STRETCH != 0
+    shape, by_span = np.zeros((1, number, 3)), cable.terms & SPAN_STRETCH != 0
     for axis in range(cable.dim):
-        for i in range(cable.n):
-            shape[0, i, cable.axes[axis]] = cable.state.x[axis, MARGIN + i]
-    for end in range(2):
-        if clamps & (1 << end):
-            d = direction_at(cable.inputs.motion[end], t)
-            i, along = end * (cable.n - 2), 0.0
+        for i in range(number):
+            shape[0, i, cable.axes[axis]] = cable.state.x[axis, MARGIN + first + i]
+    for end_number in range(2):
+        row = end if end_number == 1 else start
+        if row >= 0:
+            d = direction_at(cable.inputs.motion[row], t)
+            i, along = end_number * (number - 2), 0.0
             for axis in range(3):
                 along += (shape[0, i + 1, axis] - shape[0, i, axis]) * component(d, axis)
             if along <= 0.0:
@@ -167,11 +184,13 @@ def judged(report: Report, recorder: Recorder) -> Report:
     return report._replace(status=Status.UNRESOLVED, message=wrong) if wrong else report
 
 
-def _line(model: Model, u: float, what: str) -> str:
+def _line(part: Part, u: float, what: str) -> str:
+    model = part.model
     finer = 2 * (model.n - bspline.DEGREE) + bspline.DEGREE
+    where = f"at u = {round(u, 9):.3g} m" + f" of {part.name}" * (part.name != MAIN)
     return (
-        f"at u = {round(u, 9):.3g} m {what} that knot spans of "
-        f"{model.knots[-1] / (model.n - bspline.DEGREE):.2g} m cannot resolve; "
+        f"{where} {what} that knot spans of "
+        f"{part.length / (model.n - bspline.DEGREE):.2g} m cannot resolve; "
         f"raise discretization.control_points from {model.n} to {finer}, or check that what moves "
         "the cable leaves it its length"
     )

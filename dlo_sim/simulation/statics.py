@@ -53,6 +53,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import inextensible
 from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.drawn_strands import drawn, first_points
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import (
     LEVEL,
@@ -137,9 +138,9 @@ class FirstShape:
         keeps_length = bool(cable.arrays.physics.keeps_length)
         cable.keep_length(False)
         points = np.zeros((cable.model.n, 4))
-        points[:, :3] = first_shape(scene, self._geometries, cable.model.knots)
+        points[:, :3] = first_points(cable.model)
         held = any(holder.held for holder in scene.holders.values())
-        backwards = leaves_clamp_backwards(points, self._ends)
+        backwards = leaves_clamp_backwards(points, self._ends) is not None
         resting = _wants_equilibrium(scene, self._geometries)
         if scene.initial.shape == "auto" and scene.terms.twist != "frenet":
             # A straight cable that begins in an obstacle is none that somebody lays there.
@@ -208,9 +209,14 @@ class FirstShape:
         scene = self._scene
         if not self._cable.model.has(CONTACT):
             return ""
-        u, line = np.linspace(0.0, scene.cable.length, PLACES), self._line(points)
-        found = (inside(body, scene.cable.diameter, u, line) for body in scene.bodies)
-        return next(filter(None, found), "")
+        for part in self._cable.model.parts:
+            u = np.linspace(0.0, part.length, PLACES)
+            line = bspline.evaluate(points[part.here], part.model.knots, u) + part.model.origin
+            thick = part.model.scene.cable.diameter
+            found = (inside(body, thick, u, line) for body in scene.bodies)
+            if wrong := next(filter(None, found), ""):
+                return wrong
+        return ""
 
     # -- along the way of the ends, for the twist as it is ----------------------------------------
 
@@ -223,6 +229,8 @@ class FirstShape:
         the best one.
         """
         cable, scene, axes = self._cable, self._scene, self._cable.model.axes
+        if cable.model.layout is not None:  # from where it is drawn
+            return self._rests(1.0)
         way = _Way(scene, self._geometries, axes, None)
         if not cable.model.has(CONTACT):
             return self._follow_free(way)
@@ -566,6 +574,14 @@ def _wants_equilibrium(scene: Scene, geometries: Geometries) -> bool:
     """
     if scene.initial.shape != "auto":
         return scene.initial.shape == "equilibrium"
+    if scene.is_net:
+        strands = drawn(scene, geometries).values()
+        return any(one.ring or _is_bent(one.scene, one.geometries) for one in strands)
+    return _is_bent(scene, geometries)
+
+
+def _is_bent(scene: Scene, geometries: Geometries) -> bool:
+    """Whether a cable is held at places nearer together or farther apart than it is long."""
     for (begin, one), (end, other) in pairwise(held_places(scene, geometries)):
         gap = math.dist(other.attachment, one.attachment)
         if abs(gap - (end - begin)) > 1e-6 * (end - begin):
@@ -653,8 +669,7 @@ def _nudge(cable: Cable, across: Array | None = None) -> None:
     cable that may buckle to either side goes to the same one whatever the resolution. Not along
     the unit vector `across`.
     """
-    length = float(cable.model.knots[-1])
-    share = bspline.greville(cable.model.knots) / length
+    length, share = cable.model.length, cable.model.shares
     push = np.zeros_like(cable.x)
     for axis in range(len(cable.model.axes)):
         side = np.sin((2.0 + axis) * share + 0.7 * axis + 0.4)
@@ -679,7 +694,7 @@ class _Search:
         self._cable, model, dim = cable, cable.model, len(cable.model.axes)
         # At fixed twist the stiffness of a cable with a natural shape says little.
         self._unknown = model.has(MATERIAL) and not twist
-        length, pull = float(model.knots[-1]), np.abs(cable.forces()[:dim])
+        length, pull = model.length, np.abs(cable.forces()[:dim])
         inertia = float(mass.multiply(model.mass(0), np.ones(model.n)).sum())
         fall = inertia * length / max(float((pull * ~model.held_mask()[:dim]).sum()), TINY)
         self.first, self.patient = 0.01 * fall, 100.0 * fall

@@ -1,0 +1,157 @@
+"""Where the strands of a net are before any relaxation: the main cable as it is drawn alone
+(`geometry.first_shape`), each branch from where it begins, in its direction there.
+
+A branch leaves in the frame of its parent, carried along the parent without twist. It is straight,
+or an arc to what holds its far end. A strand whose end is joined to its own begin is a circle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import bspline, rotations
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.parameter import ORIGIN
+from dlo_sim.simulation.geometry import (
+    Geometries,
+    Geometry,
+    Pose,
+    first_line,
+    first_shape,
+    geometries_of,
+)
+from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.net import drawn_frame, names_of
+
+Array = NDArray[np.float64]
+PLACES = 65  # along a strand, between which its frame is carried
+X = np.array([1.0, 0.0, 0.0])
+FIXED = (True, True, True)
+
+
+class Drawn(NamedTuple):
+    """A strand before any relaxation.
+
+    Attributes:
+        scene, geometries: of it alone, held where it is joined, too. frame: at its begin in the
+            world, x along it, as columns. ring: whether it ends where it begins.
+    """
+
+    scene: Scene
+    geometries: dict[str, Geometry]
+    frame: Array
+    ring: bool = False
+
+    def line(self, u: Array) -> Array:
+        """Points [m] at material coordinates, shape (len(u), 3)."""
+        if not self.ring:
+            return first_line(self.scene, self.geometries, u)
+        x, down = self.frame[:, 0], np.array(self.scene.gravity, dtype=float)
+        down -= (down * x).sum() * x
+        down = down / math.hypot(*down) if math.hypot(*down) > 1e-9 else self.frame[:, 1]
+        radius = self.scene.cable.length / (2.0 * math.pi)
+        turned = (u / radius)[:, None]
+        way = np.sin(turned) * x + (1.0 - np.cos(turned)) * down
+        return np.asarray(self.geometries["start"].attachment + radius * way)
+
+    def at(self, share: float) -> tuple[Array, Array]:
+        """Point [m] at a share of its length, and the frame carried along to it."""
+        length = self.scene.cable.length
+        places, step = np.linspace(0.0, share * length, PLACES), 1e-6 * length
+        low = np.clip(places - 0.5 * step, 0.0, length - step)
+        frame = self.frame
+        for tangent in self.line(low + step) - self.line(low):
+            frame = rotations.to_matrix(rotations.minimal_rotation(frame[:, 0], tangent)) @ frame
+        return self.line(places[-1:])[0], frame
+
+
+def drawn(
+    scene: Scene,
+    geometries: Geometries | None = None,
+    poses: Mapping[str, Pose] | None = None,
+    before: Geometries | None = None,
+) -> dict[str, Drawn]:
+    """All strands.
+
+    Args:
+        geometries: what holds them; default: as the scene says, or these poses of end effectors,
+            with tangents that the scene leaves open as `before` (`geometry.geometries_of`).
+    """
+    found: dict[str, Drawn] = {}
+    frames: dict[str, Array] = {}
+    main = None
+    joined = {(one.strand, one.end): one for one in scene.joints}
+    for strand in scene.strands:
+        own, name, names, root, carried = strand.scene, strand.name, names_of(strand), None, None
+        if begins := joined.get((name, 0.0)):
+            root, carried = found[begins.other].at(begins.at)
+            start = replace(own.start, position=tuple(root.tolist()), offset=ORIGIN, fixed=FIXED)
+            own = replace(own, start=start)
+        if geometries is not None:
+            local = {one: geometries[other] for one, other in names.items()}
+        else:
+            given = poses or {}
+            own_poses = {one: given[other] for one, other in names.items() if other in given}
+            earlier = {one: before[other] for one, other in names.items()} if before else None
+            local = geometries_of(own, own_poses, earlier)
+        main = local["start"].orientation if main is None else main
+        frames[name] = drawn_frame(strand, frames, local["start"], main)
+        frame = rotations.to_matrix(main) @ frames[name]
+        if strand.parent:
+            frame = carried @ frames[strand.parent].T @ frames[name]
+            local["start"] = Geometry(root, rotations.from_matrix(frame), root, X, 0.0)
+        elif root is not None:
+            local["start"] = replace(local["start"], attachment=root)
+        ends, ring = joined.get((name, 1.0)), False
+        if ends:
+            ring = (ends.other, ends.at) == (name, 0.0)
+            if ends.other in found:
+                there = found[ends.other].at(ends.at)[0]
+                local["end"] = replace(local["end"], attachment=there)
+                own = replace(own, end=replace(own.end, fixed=FIXED))
+        one = Drawn(own, local, frame, ring)
+        leaving = one.line(np.array([0.0, 1e-6 * own.cable.length]))
+        swing = rotations.minimal_rotation(frame[:, 0], leaving[1] - leaving[0])
+        found[name] = one._replace(frame=rotations.to_matrix(swing) @ frame)
+    return found
+
+
+def held_geometries(
+    scene: Scene, poses: Mapping[str, Pose] | None = None, before: Geometries | None = None
+) -> dict[str, Geometry]:
+    """`geometry.geometries_of` of all strands."""
+    if not scene.is_net:
+        return geometries_of(scene, poses, before)
+    strands = drawn(scene, None, poses, before)
+    return {
+        name: strands[strand.name].geometries[local]
+        for strand in scene.strands
+        for local, name in names_of(strand).items()
+    }
+
+
+def first_points(model: Model) -> Array:
+    """Control points [m] of all strands and bodies before any relaxation, shape (n, 3)."""
+    layout = model.layout
+    if layout is None:
+        return first_shape(model.scene, model.geometries, model.knots)
+    strands = drawn(model.scene, model.geometries)
+    points = np.zeros((model.n, 3))
+    for part in model.parts:
+        line = strands[part.name].line(bspline.greville(part.model.knots))
+        points[part.here] = bspline.interpolate(part.model.knots, line)
+    for body in layout.bodies:
+        part = layout.parts[body.strand]
+        strand = strands[body.strand]
+        place, carried = strand.at(body.u / part.length)
+        directors = carried @ part.drawn.T @ body.frame
+        points[body.points[0]] = place
+        for k in range(3):
+            points[body.points[1 + k]] = place + body.signs[k] * body.length * directors[:, k]
+    return points

@@ -1,0 +1,265 @@
+"""The models of the strands of a net joined to one (`net`)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import bspline, mass
+from dlo_sim.core.quadrature import Quadrature
+from dlo_sim.engine import arrays as bits
+from dlo_sim.engine.arrays import CableArrays
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.needs import Needs
+from dlo_sim.simulation.arrays import from_blocks, sizes_of, to_blocks, without_margins
+from dlo_sim.simulation.geometry import Geometries
+from dlo_sim.simulation.held_rows import fill_rows, held_values
+from dlo_sim.simulation.holding import Holding, Point, Row
+from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.net import Layout, joining, layout_of, rolls_of
+from dlo_sim.simulation.obstacles import samples_by_span, write_samples
+
+Array = NDArray[np.float64]
+LIGHT = 1e-3  # of a third of a span: mass of a body that has none of its own
+RIGID = 1e4  # stiffness of a body, in the axial stiffness of a cable as long as its directors
+# What the lanes of void spans have where they are divided by.
+VOID = {"padding": 1.0, "slope": 1.0, "axial": 1.0, "bending": 1.0}
+
+
+def joined(
+    scene: Scene, needs: Needs, geometries: Geometries, models: Mapping[str, Model]
+) -> Model:
+    """One model of all strands.
+
+    Args:
+        geometries: what holds them, by the names of all. models: of each alone, by its name.
+    """
+    layout, first = layout_of(scene, geometries, models), next(iter(models.values()))
+    parts = list(layout.parts.values())
+    holding = held_by_all(layout, len(first.axes))
+    rolls = rolls_of(layout) if first.twist else []
+    terms = sum_of_terms(models) & ~(bits.BORDERED | bits.SPRUNG) | holding.terms
+    sizes = sizes_of(
+        terms=terms | bits.BORDERED * bool(rolls) | (bits.RIGID if layout.bodies else 0),
+        dim=len(first.axes),
+        twist=first.twist,
+        n=layout.n,
+        samples=first.arrays.sizes["samples"],
+        holding=holding,
+        grasps=len(scene.holders),
+        loads=len(scene.loads) if "loads" in needs else 0,
+        obstacles=first.arrays.sizes["obstacles"],
+        pieces=first.arrays.contact.pieces + first.arrays.contact.guide_pieces,
+        segments=first.arrays.sizes["segments"],
+        field_values=first.arrays.sizes["field_values"],
+        **({'bodies': len(layout.bodies), 'rolls': len(rolls)} if layout.bodies or rolls else {}),
+    )
+    arrays = CableArrays(sizes, inputs=None, state=None, work=None)
+    model = Model(
+        scene,
+        needs,
+        geometries,
+        arrays,
+        first.knots,
+        Quadrature(
+            layout.by_span([part.model.rule.xi for part in parts]),
+            layout.by_span([part.model.rule.weights for part in parts]),
+        ),
+        first.axes,
+        first.twist,
+        holding,
+        first.axial_stiffness,
+        layout.by_span([part.model.bending_stiffness for part in parts]),
+        first.rest,
+        first.origin,
+        first.obstacles,
+        first.fields,
+        layout,
+    )
+    arrays.axes[:] = first.arrays.axes
+    arrays.physics = first.arrays.physics
+    _Joining(model, layout).fill()
+    return model
+
+
+def sum_of_terms(models: Mapping[str, Model]) -> int:
+    """The bits of the terms that any of these models has."""
+    terms = 0
+    for model in models.values():
+        terms |= model.terms
+    return terms
+
+
+class _Joining:
+    """Writes the arrays of a net from those of its strands."""
+
+    def __init__(self, model: Model, layout: Layout) -> None:
+        self._model, self._arrays, self._layout = model, model.arrays, layout
+        self._parts = list(layout.parts.values())
+        self._each = [part.model.arrays for part in self._parts]
+
+    def fill(self) -> None:
+        model, layout = self._model, self._layout
+        self._mesh()
+        self._contact()
+        self._masses()
+        self._loads()
+        self._numbers()
+        values = held_values(model)
+        shifts = np.empty_like(values)
+        for twist in range(1 + model.twist):
+            rows = [point.twist == twist for point in model.holding.points]
+            shifts[rows] = model.mass_solutions(values[rows], twist)
+        fill_rows(model, values, shifts)
+        for number, body in enumerate(layout.bodies):
+            given, cable = self._arrays.bodies, layout.parts[body.strand].model.scene.cable
+            given.point[number] = body.points
+            given.length[number] = [sign * body.length for sign in body.signs]
+            given.stiffness[number] = RIGID * cable.EA * body.length
+
+    def _mesh(self) -> None:
+        mesh = self._arrays.mesh
+        for name in mesh.fields:
+            if name == "branch":
+                continue
+            void = VOID.get(name, 0.0)
+            lanes = [
+                from_blocks(getattr(one.mesh, name), one.n - bspline.DEGREE) for one in self._each
+            ]
+            getattr(mesh, name)[:] = to_blocks(self._layout.by_span(lanes, void), beyond=void)
+        mesh.branch[:] = len(self._parts)
+        for number, part in enumerate(self._parts):
+            mesh.branch[part.here] = number
+
+    def _contact(self) -> None:
+        """The obstacles, which are those of every strand, and the samples of all."""
+        contact, first = self._arrays.contact, self._each[0].contact
+        if not first.count:
+            return
+        for name in contact.fields:
+            if name not in ("first", "basis", "slope", "weight", "begin", "end"):
+                setattr(contact, name, getattr(first, name))
+        pieces = contact.pieces, contact.guide_pieces
+        samples = [
+            samples_by_span(part.model.knots, pieces, contact.radius) for part in self._parts
+        ]
+        write_samples(contact, *map(self._layout.by_span, zip(*samples, strict=True)))
+
+    def _masses(self) -> None:
+        """Matrices and vectors by control point, with the bodies'."""
+        linear, layout, model = self._arrays.linear, self._layout, self._model
+        linear.decay[:] = self._each[0].linear.decay
+        for name in ("mass", "damping", "twist", "weight", "greville", "frame_factors"):
+            own = [
+                without_margins(getattr(one.linear, name), one.n)
+                for one in self._each
+                if getattr(one.linear, name).size
+            ]
+            if own:
+                without_margins(getattr(linear, name), model.n)[:] = layout.by_point(own)
+        bodies, scene = mass_of_bodies(layout), model.scene
+        alone = only_of_bodies(layout)
+        alpha = scene.decay_rates[1] * bool(linear.damping.any())
+        self._add_band(linear.mass[0], bodies)
+        self._add_band(linear.damping[0], alpha * bodies)
+        kinds = [model.mass(0)]
+        if model.twist:
+            idle = np.zeros_like(bodies)
+            idle[0, alone] = model.mass(len(model.axes))[0].max()
+            self._add_band(linear.mass[1], idle)
+            kinds.append(model.mass(len(model.axes)))
+        for kind, band in enumerate(kinds):
+            lower, inverse = mass.factorize(band, np.zeros(model.n, dtype=bool))
+            seven = without_margins(linear.factors[kind], model.n)
+            seven[3] = inverse
+            for k in range(1, 4):
+                seven[3 - k] = lower[k - 1]
+                seven[3 + k, :-k] = lower[k - 1, k:]
+        if "gravity" in model.needs:
+            pull = np.asarray(scene.gravity)[list(model.axes)]
+            weight = mass.multiply(bodies, np.ones(model.n))
+            heavy = [one.connector is not None for one in layout.bodies]
+            for body, counts in zip(layout.bodies, heavy, strict=True):
+                if not counts:  # of a joint, as light as the cable can bear
+                    weight[body.first : body.first + 4] = 0.0
+            without_margins(linear.weight, model.n)[:] += np.outer(pull, weight)
+
+    def _add_band(self, seven: Array, band: Array) -> None:
+        """Add a symmetric band matrix to one of seven lines."""
+        seven = without_margins(seven, self._model.n)
+        seven[3] += band[0]
+        for k in range(1, 4):
+            seven[3 + k, :-k] += band[k, :-k]
+            seven[3 - k, k:] += band[k, :-k]
+
+    def _loads(self) -> None:
+        """The loads in the order of the scene."""
+        loads, model = self._arrays.loads, self._model
+        loads.count = len(loads.first)
+        names = [load.name for load in model.scene.loads]
+        for part, one in zip(self._parts, self._each, strict=True):
+            for own, load in enumerate(part.model.scene.loads[: loads.count]):
+                k = names.index(load.name)
+                loads.first[k] = one.loads.first[own] + part.first
+                loads.values[k], loads.slopes[k] = one.loads.values[own], one.loads.slopes[own]
+                basis = without_margins(loads.basis, model.n)
+                basis[k, part.here] = without_margins(one.loads.basis, one.n)[own]
+
+    def _numbers(self) -> None:
+        physics, each = self._arrays.physics, [one.physics for one in self._each]
+        physics.shortest_span = min(one.shortest_span for one in each)
+        physics.axial_round_off = sum(one.axial_round_off for one in each)
+        physics.bending_round_off = sum(one.bending_round_off for one in each)
+
+
+def held_by_all(layout: Layout, dim: int) -> Holding:
+    """What the holders of all strands hold, and what joins the strands."""
+    out = Holding()
+    at_points: list[Row] = []
+    between: list[Row] = []
+    joints: list[Row] = []
+    springs: list[Row] = []
+    for part in layout.parts.values():
+        held, known = part.model.holding, len(out.points)
+        for point in held.points:
+            own = point.own + part.first if point.own >= 0 else -1
+            out.hold(replace(point, first=point.first + part.first, own=own))
+        for row in held.rows:
+            moved = replace(row, point=row.point + known, grasp=row.grasp + part.grasp)
+            (between if held.points[row.point].own < 0 else at_points).append(moved)
+        springs += [
+            replace(row, point=row.point + known, grasp=row.grasp + part.grasp)
+            for row in held.springs
+        ]
+    for one in joining(layout, dim):
+        if isinstance(one, Point):
+            number = out.hold(one)
+        else:
+            rigid = math.isinf(one.stiffness)
+            (between if rigid else joints).append(replace(one, point=number))
+    out.rows, out.springs = at_points + between, joints + springs
+    return out
+
+
+def mass_of_bodies(layout: Layout) -> Array:
+    """Mass matrix of the bodies on one line, lower diagonals, shape (4, n)."""
+    out = np.zeros((bspline.ACTIVE, layout.n))
+    for body in layout.bodies:
+        part = layout.parts[body.strand]
+        inertia = body.inertia(LIGHT * part.model.scene.cable.mu * body.length)
+        for k in range(bspline.ACTIVE):
+            for i in range(bspline.ACTIVE - k):
+                out[k, body.first + i] += inertia[i + k, i]
+    return out
+
+
+def only_of_bodies(layout: Layout) -> NDArray[np.bool_]:
+    """Mask of the control points that are of no strand, shape (n,)."""
+    mask = np.ones(layout.n, dtype=bool)
+    for part in layout.parts.values():
+        mask[part.here] = False
+    return mask

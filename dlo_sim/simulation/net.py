@@ -1,0 +1,343 @@
+"""Several cables in one set of arrays: the strands of a net, the bodies on them, what joins them.
+
+The control points of the strands follow each other. Knot spans between the last control points of
+one strand and the first of the next are void: without length, samples or stiffness, as the lanes
+beyond the last span. So no loop of the compiled code needs to know of strands; constraint rows join
+them (`engine.rows`, `engine.roll`).
+
+A rigid body is four control points, its origin and the ends of three directors e1, e2, e3
+(`engine.rigid_body`). Where a strand begins or ends in one, its first or last two control points
+are the origin and the end of e1, which so is its tangent: r' there is e1, of unit length. Farther
+along a strand a body is a block of four control points of its own, held by rows. A connector is
+such a body, and a branch that a rigid or elastic joint holds across the line of its parent begins
+in one, of next to no mass.
+
+A joint holds r(u) of a strand at a place of another one. Rigid, it also holds the tangent r'(u)
+there in the body in which the branch begins, and the roll; where both tangents are in line, they
+are equal, and no body is needed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import bspline, rotations
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.nets import Connector, Strand
+from dlo_sim.simulation.geometry import Geometries, Geometry
+from dlo_sim.simulation.holding import Point, Row, Weights
+from dlo_sim.simulation.model import Model, Part
+
+Array = NDArray[np.float64]
+OWN = 2  # control points that a body at the end of a strand has beside those of the strand
+ALONE = 4  # of a body elsewhere
+IN_LINE = 1e-9  # largest angle between tangents that are in line [rad], and share of a length
+
+
+class Join(NamedTuple):
+    """What holds an end of a strand at a place of another one, or of itself.
+
+    Attributes:
+        strand, u: whose end, and where that is [m]. other, at: where it is held [m].
+        rigid: whether direction and roll are held, too. stiffness: of these [N m/rad]; infinite:
+            rigidly. in_line: whether both tangents are in line; 1, or -1 if the strands meet head
+            to head, else 0.
+    """
+
+    strand: str
+    u: float
+    other: str
+    at: float
+    rigid: bool
+    stiffness: float
+    in_line: int
+
+
+class Body(NamedTuple):
+    """A rigid body.
+
+    Attributes:
+        strand, u: where it is [m]. connector: None for that of a joint.
+        frame: its directors as columns, as those of `Layout.drawn`. length: of its directors [m].
+        first: its first control point; points: origin, ends of e1, e2, e3; signs: -1 where a
+            director points from there to the origin.
+    """
+
+    strand: str
+    u: float
+    connector: Connector | None
+    frame: Array
+    length: float
+    first: int
+    points: tuple[int, int, int, int]
+    signs: tuple[float, float, float]
+
+    def weights(self, arm: Array) -> Weights:
+        """Weights of its control points, from `first` on, in the vector sum_i arm_i e_i."""
+        out = np.zeros(4)
+        for share, sign, point in zip(arm, self.signs, self.points[1:], strict=True):
+            out[point - self.first] += share * sign / self.length
+            out[self.points[0] - self.first] -= share * sign / self.length
+        a, b, c, d = out.tolist()
+        return a, b, c, d
+
+    def inertia(self, light: float) -> Array:
+        """Mass matrix of its control points, from `first` on, shape (4, 4) [kg]; light: mass [kg]
+        on each control point of a joint's that is of no strand.
+        """
+        out = np.zeros((4, 4))
+        if self.connector is None:
+            own = np.array(self.points[2:]) - self.first
+            out[own, own] = light
+            return out
+        one = self.connector
+        center, J = np.array(one.center), np.array(one.inertia)
+        second = np.diag(0.5 * J.sum() - J) + one.mass * np.outer(center, center)
+        # r = o + sum_i a_i e_i has the integrals m, m c and `second` of 1, a and a a^T.
+        moments = np.block(
+            [
+                [np.array([[one.mass]]), one.mass * center[None]],
+                [one.mass * center[:, None], second],
+            ]
+        )
+        columns = np.zeros((4, 4))
+        columns[0, self.points[0] - self.first] = 1.0
+        for k in range(3):
+            columns[1 + k] = self.weights(np.eye(3)[k])
+        return columns.T @ moments @ columns
+
+
+class Layout(NamedTuple):
+    """Where everything of a net is.
+
+    Attributes:
+        parts: the strands by name, the main one first. joins, bodies: see there.
+        n: number of control points.
+    """
+
+    parts: dict[str, Part]
+    joins: tuple[Join, ...]
+    bodies: tuple[Body, ...]
+    n: int
+
+    def by_span(self, values: Sequence[Array], void: float = 0.0) -> Array:
+        """Values of the spans of each strand, shape (spans, ...), in the net, with void spans."""
+        out = np.full((self.n - bspline.DEGREE, *values[0].shape[1:]), void)
+        for part, own in zip(self.parts.values(), values, strict=True):
+            out[part.spans] = own
+        return out
+
+    def by_point(self, values: Sequence[Array]) -> Array:
+        """Values of the control points of each strand, shape (..., n), in the net, 0 elsewhere."""
+        out = np.zeros((*values[0].shape[:-1], self.n))
+        for part, own in zip(self.parts.values(), values, strict=True):
+            out[..., part.here] = own
+        return out
+
+    def is_seamless(self, join: Join) -> bool:
+        """Whether the curvature goes on through a joint: of like cables in line, rigidly joined,
+        with nothing else there.
+        """
+        both = {(join.strand, join.u), (join.other, join.at)}
+        cables = [self.parts[name].model.scene.cable for name, _ in both]
+        alike = all((one.EI, one.natural_shape) == (cables[0].EI, cables[0].natural_shape) for one in cables)
+        joins = [one for one in self.joins if both & {(one.strand, one.u), (one.other, one.at)}]
+        bodies = [one for one in self.bodies if (one.strand, one.u) in both]
+        held = join.at not in (0.0, self.parts[join.other].length)  # amid the other strand
+        rigid = join.in_line == 1 and math.isinf(join.stiffness)
+        return rigid and alike and len(joins) == 1 and not bodies and not held
+
+    def root(self, strand: str) -> Body:
+        """The body in which a strand begins."""
+        return next(one for one in self.bodies if (one.strand, one.u) == (strand, 0.0))
+
+
+# -- what there is, and where -------------------------------------------------------------------
+
+
+def local_geometries(strand: Strand, geometries: Geometries) -> Geometries:
+    """What holds one strand, by the names in its own scene."""
+    return {local: geometries[name] for local, name in names_of(strand).items()}
+
+
+def names_of(strand: Strand) -> dict[str, str]:
+    """What holds a strand: name in its own scene -> name in that of the net."""
+    ends = {end: strand.holder(end) for end in ("start", "end")}
+    return ends | {grasp.name: grasp.name for grasp in strand.scene.grasps}
+
+
+def drawn_frame(strand: Strand, before: Mapping[str, Array], start: Geometry, main: Array) -> Array:
+    """Frame of a strand when all are straight and untwisted, x along it, as columns in the frame of
+    the main start's end effector.
+
+    Args:
+        before: those of the strands before it. start: what holds its start. main: orientation of
+            the main start's end effector.
+    """
+    frame = before[strand.parent] if strand.parent else np.eye(3)
+    along = np.array(strand.direction)
+    if not strand.parent:
+        turn = rotations.multiply(rotations.conjugate(main), start.orientation)
+        along = rotations.rotate(turn, start.tangent)
+    elif not along.any():
+        along = frame[:, 0]
+    swing = rotations.minimal_rotation(frame[:, 0], along)
+    return np.asarray(rotations.to_matrix(swing) @ frame)
+
+
+def drawn_frames(scene: Scene, geometries: Geometries) -> dict[str, Array]:
+    """`drawn_frame` of all strands."""
+    frames: dict[str, Array] = {}
+    for strand in scene.strands:
+        start, main = geometries[strand.holder("start")], geometries["start"].orientation
+        frames[strand.name] = drawn_frame(strand, frames, start, main)
+    return frames
+
+
+def joins_of(scene: Scene, frames: Mapping[str, Array]) -> tuple[Join, ...]:
+    """All joints of a scene, with the frames in which its strands are drawn."""
+    found = []
+    lengths = {strand.name: strand.scene.cable.length for strand in scene.strands}
+    for joint in scene.joints:
+        in_line = 1 if joint.end != joint.at else -1
+        if not joint.loop:
+            cosine = float(frames[joint.strand][:, 0] @ frames[joint.other][:, 0])
+            in_line = int(math.isclose(cosine, 1.0, rel_tol=0.0, abs_tol=IN_LINE))
+        u, at = joint.end * lengths[joint.strand], joint.at * lengths[joint.other]
+        stiffness = joint.stiffness if joint.kind == "elastic" else math.inf
+        given = joint.kind != "hinged", stiffness, in_line
+        found.append(Join(joint.strand, u, joint.other, at, *given))
+    return tuple(found)
+
+
+def layout_of(scene: Scene, geometries: Geometries, models: Mapping[str, Model]) -> Layout:
+    """Where the strands, with these models, and the bodies of a scene are."""
+    frames = drawn_frames(scene, geometries)
+    joins = joins_of(scene, frames)
+    wanted: dict[tuple[str, float], Connector | None] = {
+        (one.strand, 0.0): None for one in joins if one.rigid and not one.in_line
+    }
+    wanted |= {(one.on, one.at * float(models[one.on].knots[-1])): one for one in scene.connectors}
+    parts, bodies, at, grasp = {}, [], 0, 0
+    for strand in scene.strands:
+        name, model = strand.name, models[strand.name]
+        length, spans = float(model.knots[-1]), np.diff(bspline.breaks(model.knots))
+        begins, ends = (name, 0.0) in wanted, (name, length) in wanted
+        first = at + OWN * begins
+        part = Part(name, model, first, grasp, frames[name])
+        parts[name] = part
+        last = first + model.n - 1
+        if begins:
+            points, signs = (first, first + 1, at, at + 1), (1.0, 1.0, 1.0)
+            given = wanted[name, 0.0], frames[name], float(spans[0]) / 3.0, at
+            bodies.append(Body(name, 0.0, *given, points, signs))
+        if ends:
+            points, signs = (last, last - 1, last + 1, last + 2), (-1.0, 1.0, 1.0)
+            given = wanted[name, length], frames[name], float(spans[-1]) / 3.0, last - 1
+            bodies.append(Body(name, length, *given, points, signs))
+        at = last + 1 + OWN * ends
+        for (on, u), connector in wanted.items():
+            if on == name and 0.0 < u < length:
+                points, signs = (at, at + 1, at + 2, at + 3), (1.0, 1.0, 1.0)
+                size = float(spans.max()) / 3.0
+                bodies.append(Body(name, u, connector, frames[name], size, at, points, signs))
+                at += ALONE
+        grasp += len(names_of(strand))
+    return Layout(parts, joins, tuple(bodies), at)
+
+
+# -- what is held, and what joins ---------------------------------------------------------------
+
+
+def place_at(part: Part, u: float, order: int = 0) -> Point:
+    """Basis values, or derivatives, at a place of a strand, in the net."""
+    column, values = bspline.active_basis(part.model.knots, [u], order)
+    a, b, c, d = values[0].tolist()
+    if order:
+        d = -a - b - c
+    return Point(part.first + int(column[0]), (a, b, c, d))
+
+
+def difference(one: Point, other: Point, sign: float = 1.0) -> Point:
+    """The first minus `sign` times the second."""
+    a, b, c, d = (-sign * weight for weight in other.weights)
+    return replace(one, other=other.first, other_weights=(a, b, c, d))
+
+
+class Roll(NamedTuple):
+    """theta at a place of a strand against a body, or against theta of another strand.
+
+    Attributes:
+        place: of theta. body: its index, or -1. other: place of the other theta.
+        along, side: tangent, and a direction across it, in the body's directors.
+        stiffness: [N m/rad].
+    """
+
+    place: Point
+    body: int
+    other: Point
+    along: Array
+    side: Array
+    stiffness: float
+
+
+def joining(layout: Layout, dim: int) -> Iterator[Row | Point]:
+    """Points that joints and bodies hold together, each followed by its rows, whose `point` is left
+    open; rows of infinite stiffness are rigid.
+    """
+    for join in layout.joins:
+        part, other = layout.parts[join.strand], layout.parts[join.other]
+        yield from rows_of(difference(place_at(part, join.u), place_at(other, join.at)), dim)
+        if not join.rigid:
+            continue
+        slope = place_at(other, join.at, 1)
+        if join.in_line:
+            point = difference(place_at(part, join.u, 1), slope, join.in_line)
+        else:
+            body = layout.root(join.strand)
+            tangent = body.frame.T @ other.drawn[:, 0]
+            point = difference(slope, Point(body.first, body.weights(tangent)))
+        yield from rows_of(point, dim, join.stiffness)
+        if layout.is_seamless(join):
+            bend = place_at(other, join.at, 2)
+            yield from rows_of(difference(place_at(part, join.u, 2), bend), dim)
+    for body in layout.bodies:
+        part = layout.parts[body.strand]
+        if 0.0 < body.u < part.length:
+            origin = np.eye(4)[body.points[0] - body.first].tolist()
+            middle = Point(body.first, (origin[0], origin[1], origin[2], origin[3]))
+            yield from rows_of(difference(place_at(part, body.u), middle), dim)
+            along = Point(body.first, body.weights(np.eye(3)[0]))
+            yield from rows_of(difference(place_at(part, body.u, 1), along), dim)
+
+
+def rows_of(point: Point, dim: int, stiffness: float = math.inf) -> Iterator[Row | Point]:
+    """A point and its rows in all directions."""
+    yield point
+    for line in range(dim):
+        yield Row(-1, -1, line, stiffness=stiffness)
+
+
+def rolls_of(layout: Layout) -> list[Roll]:
+    """What holds the twist angles together."""
+    found, nothing = [], np.zeros(3)
+    for join in (one for one in layout.joins if one.rigid):
+        part, other = layout.parts[join.strand], layout.parts[join.other]
+        here = place_at(other, join.at)
+        if join.in_line:
+            given = place_at(part, join.u), -1, here, nothing, nothing
+        else:
+            body = layout.root(join.strand)
+            turned = body.frame.T @ other.drawn
+            given = here, layout.bodies.index(body), here, turned[:, 0], turned[:, 1]
+        found.append(Roll(*given, join.stiffness))
+    for number, body in enumerate(layout.bodies):
+        here = place_at(layout.parts[body.strand], body.u)
+        found.append(Roll(here, number, here, np.eye(3)[0], np.eye(3)[1], math.inf))
+    return found
