@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from dlo_sim.scene.parameter import ORIGIN, Group, Vector, parameter
+from dlo_sim.scene.parameter import ORIGIN, Group, Vector, off_unit, parameter
 from dlo_sim.scene.refusal import Rules, shown
 
 LEAST_DENSITY = 1e-15  # [kg/m], of the least diameter and density allowed
@@ -133,10 +133,7 @@ class Cable(Group):
         for name in ("rest_curvature", "rest_curvature_2", "rest_twist"):
             if not getattr(self, name):
                 yield name, "is empty; give [0.0] for a straight cable"
-        axis = self.rest_curvature_axis
-        size = math.hypot(*axis)
-        if abs(size - 1.0) > 1e-6:
-            unit = tuple(round(a / size, 9) for a in axis) if size > 0.0 else (0.0, 1.0, 0.0)
+        if unit := off_unit(self.rest_curvature_axis):
             yield "rest_curvature_axis", f"is not a unit vector; give {shown(unit)}"
 
 

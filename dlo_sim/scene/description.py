@@ -15,10 +15,24 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
+from itertools import groupby
 from typing import Any
 
 from dlo_sim.scene.cable import NO_SURFACE, Cable, Damping, Hose, Plasticity, Torsion, Water
 from dlo_sim.scene.holders import End, Grasp, Holder, Load
+from dlo_sim.scene.nets import (
+    MAIN,
+    Branch,
+    Connector,
+    FurtherCable,
+    Joint,
+    Strand,
+    ends_of,
+    in_order,
+    joints_of,
+    references,
+    strands_of,
+)
 from dlo_sim.scene.node import Forecasts, Inputs, Measured, Outputs, State
 from dlo_sim.scene.numerics import Accuracy, Discretization, Initial, Integrator, Terms
 from dlo_sim.scene.obstacles import Contact, Obstacle
@@ -29,6 +43,7 @@ from dlo_sim.scene.parameter import (
     Vector,
     check_names,
     check_value,
+    descriptions,
     markdown_row,
     parameter,
     parameters_of,
@@ -45,6 +60,9 @@ NAMED: dict[str, Names] = {
     "loads": (),
     "grasps": ("start", "end"),
     "obstacles": ("start", "end", "itself"),
+    "branches": (MAIN, "start", "end", "itself"),
+    "cables": (MAIN, "start", "end", "itself"),
+    "connectors": (MAIN, "start", "end", "itself"),
 }
 _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 _LARGEST_STRETCH = 2.0  # distance of held ends, in lengths, above which it is surely a mistake
@@ -65,6 +83,11 @@ class Scene:
         loads: Names of the loads; each has a block `loads.<name>`.
         grasps: Names of the grasps (grippers between the ends); each has a block `grasps.<name>`.
         obstacles: Names of the obstacles; each has a block `obstacles.<name>`.
+        branches: Names of the branches (cables that begin at another one); each has a block
+            `branches.<name>`.
+        cables: Names of further cables; each has a block `cables.<name>`.
+        connectors: Names of the connectors (rigid bodies on cables); each has a block
+            `connectors.<name>`.
     """
 
     frame_id: str = parameter("world", read_only=True)
@@ -83,6 +106,9 @@ class Scene:
     loads: tuple[Load, ...] = parameter((), read_only=True)
     grasps: tuple[Grasp, ...] = parameter((), read_only=True)
     obstacles: tuple[Obstacle, ...] = parameter((), read_only=True)
+    branches: tuple[Branch, ...] = parameter((), read_only=True)
+    cables: tuple[FurtherCable, ...] = parameter((), read_only=True)
+    connectors: tuple[Connector, ...] = parameter((), read_only=True)
     contact: Contact = Contact()
     initial: Initial = Initial()
     integrator: Integrator = Integrator()
@@ -184,13 +210,43 @@ class Scene:
 
     @property
     def ends(self) -> dict[str, End]:
-        """Both ends by name."""
+        """Both ends of the main cable by name."""
         return {"start": self.start, "end": self.end}
+
+    @property
+    def is_net(self) -> bool:
+        """Whether there is more than one cable: branches, others, joints, or connectors."""
+        joined = self.start.joined or self.end.joined
+        return bool(self.branches or self.cables or self.connectors or joined)
+
+    @cached_property
+    def strands(self) -> tuple[Strand, ...]:
+        """The cables of a net, each with a scene of its own: the main one first, each branch after
+        what it begins at.
+        """
+        return strands_of(self)
+
+    @cached_property
+    def joints(self) -> tuple[Joint, ...]:
+        """The joints of a net: those at which branches begin, then those of joined ends."""
+        return joints_of(self)
+
+    @property
+    def shaped(self) -> bool:
+        """Whether any cable is bent or twisted while it is unloaded."""
+        return any(cable.shaped for cable in self.materials)
+
+    @property
+    def materials(self) -> tuple[Cable, ...]:
+        """What all cables are made of, in the order of `strands`."""
+        return tuple(strand.scene.cable for strand in self.strands)
 
     @cached_property
     def holders(self) -> dict[str, Holder]:
-        """Both ends, then the grasps, by name."""
-        return {**self.ends, **{grasp.name: grasp for grasp in self.grasps}}
+        """Both ends, then the grasps, by name: of each strand in turn, `<strand>.start` and
+        `<strand>.end` unless it is the main one.
+        """
+        return {name: holder for name, _, holder in self._held()}
 
     def load(self, name: str) -> Load:
         """The load of this name; KeyError if there is none."""
@@ -229,7 +285,8 @@ class Scene:
     @property
     def may_twist(self) -> bool:
         """Whether anything can twist the cable: a moving clamp, a moment, or a held roll."""
-        turned = any(end.clamped and end.driven for end in self.ends.values())
+        ends = (one for one in self.holders.values() if isinstance(one, End))
+        turned = any(end.clamped and end.driven for end in ends)
         moments = any(load.type == "wrench" for load in self.loads)
         return turned or moments or self.is_rolled
 
@@ -252,8 +309,18 @@ class Scene:
         return {name: one for name, one in bodies.items() if one.driven}
 
     def holder_keys(self) -> list[tuple[str, Holder]]:
-        """`holders` with the keys of their blocks."""
-        return [*self.ends.items(), *((f"grasps.{grasp.name}", grasp) for grasp in self.grasps)]
+        """`holders` with the keys of their blocks, which the start of a branch has not."""
+        return [(key, holder) for _, key, holder in self._held() if key]
+
+    def _held(self) -> Iterator[tuple[str, str, Holder]]:
+        """Ends and grasps: name, key and holder."""
+        blocks = {(name, place): (key, end) for name, key, place, end in ends_of(self)}
+        for strand in self.strands:
+            for place, name in enumerate(("start", "end")):
+                unnamed = "", strand.scene.start  # of a branch
+                yield strand.holder(name), *blocks.get((strand.name, float(place)), unnamed)
+            grasps = (one for one in self.grasps if one.on == strand.name)
+            yield from ((one.name, f"grasps.{one.name}", one) for one in grasps)
 
     @property
     def tf_keys(self) -> Names:
@@ -282,7 +349,7 @@ class Scene:
         """Why the tension does not follow from the shape; empty if it does."""
         if self.terms.stretch == "off":
             return "is not known of a cable that does not stretch"
-        if self.cable.shaped or self.plasticity.yield_curvature:
+        if self.shaped or self.plasticity.yield_curvature:
             return "is not known of a cable that is bent at rest or plastic"
         return ""
 
@@ -290,21 +357,26 @@ class Scene:
 # -- scenes from values ---------------------------------------------------------------------------
 
 
-def default_scene(
-    load_names: Names = (), grasp_names: Names = (), obstacle_names: Names = ()
-) -> Scene:
-    """The scene with default values and these loads, grasps and obstacles."""
-    return replace(
-        Scene(),
-        loads=tuple(Load(name, position=0.0 if name == "start" else 1.0) for name in load_names),
-        grasps=tuple(Grasp(name=name) for name in grasp_names),
-        obstacles=tuple(Obstacle(name) for name in obstacle_names),
-    )
+def default_scene(*names_of_groups: Names) -> Scene:
+    """The scene with default values and these names in the groups of `NAMED`."""
+    groups = dict(zip(NAMED, names_of_groups, strict=False))
+    blocks: dict[str, Any] = {
+        group: tuple(_block(group, name) for name in names) for group, names in groups.items()
+    }
+    return replace(Scene(), **blocks)
+
+
+def _block(group: str, name: str) -> Any:
+    """The block of a name with default values."""
+    if group == "loads":
+        return Load(name, position=0.0 if name == "start" else 1.0)
+    kinds = {"grasps": Grasp, "obstacles": Obstacle, "branches": Branch, "cables": FurtherCable}
+    return kinds.get(group, Connector)(name=name)
 
 
 @lru_cache(maxsize=16)
 def scene_parameters(*names_of_groups: Names) -> tuple[Parameter, ...]:
-    """Every parameter of a scene with these loads, grasps and obstacles, with its default."""
+    """Every parameter of a scene with these names in the groups of `NAMED`, with its default."""
     names = {f"{group}.names" for group in NAMED}
     rows = parameters_of(default_scene(*names_of_groups))
     return tuple(replace(row, default=()) if row.key in names else row for row in rows)
@@ -316,9 +388,28 @@ def placeholder_parameters() -> tuple[Parameter, ...]:
 
 
 def parameters_of_scene(scene: Scene) -> tuple[Parameter, ...]:
-    """Every parameter of a scene, with its default."""
+    """Every parameter of a scene, with its default, of which some depend on the scene."""
     groups = (getattr(scene, group) for group in NAMED)
-    return scene_parameters(*(tuple(item.name for item in group) for group in groups))
+    rows = scene_parameters(*(tuple(item.name for item in group) for group in groups))
+    if not (scene.branches or scene.cables):
+        return rows
+    values = {row.key: row.default for row in parameters_of(scene)}
+    origins = _origins({one.name: one.from_ for one in scene.branches}, _names("cables", values))
+    inherited = {own: values[of] for own, of in origins.items()}
+    return tuple(replace(row, default=inherited.get(row.key, row.default)) for row in rows)
+
+
+def _origins(parents: Mapping[str, str], cables: Names) -> dict[str, str]:
+    """Key of a value that is that of another key unless it is given, and that key; in an order in
+    which those come first from which others follow. SceneError for branches from nowhere.
+    """
+    members = [row.key for row in parameters_of(Cable(), "cable.")]
+    origins = {f"cables.{name}.{key}": key for name in cables for key in members}
+    prefix = {MAIN: "", **{name: f"cables.{name}." for name in cables}}
+    for name in in_order(parents, tuple(prefix)):
+        prefix[name] = f"branches.{name}."
+        origins |= {f"{prefix[name]}{key}": prefix[parents[name]] + key for key in members}
+    return origins
 
 
 def is_node_key(key: str) -> bool:
@@ -343,6 +434,10 @@ def scene_from_values(values: Mapping[str, object]) -> Scene:
             checked[key] = check_value(known[key], value)
         elif not is_node_key(key):
             raise unknown_key(key, value, known)
+    given = dict(zip(NAMED, names, strict=True))
+    parents = {name: checked.get(f"branches.{name}.from", MAIN) for name in given["branches"]}
+    for own, of in _origins(parents, given["cables"]).items():
+        checked.setdefault(own, checked.get(of, known[of].default))
     scene = with_parameters(default_scene(*names), checked)
     scene = replace(scene, cable=replace(scene.cable, bore=scene.hose.bore))
     _check(scene)
@@ -393,9 +488,19 @@ PARAMETERS = scene_parameters()
 
 
 def markdown_table() -> str:
-    """The parameter table as GitHub markdown, without a trailing newline."""
+    """The parameter table as GitHub markdown, without a trailing newline; a group within a named
+    block, `branches.<name>.cable`, is one row.
+    """
     lines = ["| parameter | type | default | unit | range | meaning |", "|---|---|---|---|---|---|"]
-    return "\n".join(lines + [markdown_row(row) for row in placeholder_parameters()])
+    for key, members in groupby(placeholder_parameters(), lambda row: row.key.split(".")[:3]):
+        row, *more = members
+        if more:
+            block = type(_block(key[0], key[1]))
+            meaning = descriptions(block)[key[2]]  # type: ignore[arg-type]
+            lines.append(f"| `{'.'.join(key)}.*` |  |  |  |  | {meaning} |")
+        else:
+            lines.append(markdown_row(row))
+    return "\n".join(lines)
 
 
 # -- values that are valid one by one but not together --------------------------------------------
@@ -403,21 +508,34 @@ def markdown_table() -> str:
 
 def _check(scene: Scene) -> None:
     """Raise SceneError for the first values that are valid one by one but not together."""
-    for key, group in _groups(scene):
-        check_group(key, group, scene)
-    for rules in (_placement, _names_and_frames, _load_frames, _topics):
-        for key, value, problem in rules(scene):
-            raise refusal(key, value, problem)
+    _refuse(references(scene))
+    for key, group, of in _groups(scene):
+        check_group(key, group, of)
+    for rules in (_placement, _frames, _load_frames, _topics):
+        _refuse(rules(scene))
 
 
-def _groups(scene: Scene) -> Iterator[tuple[str, Group]]:
-    """The groups that have rules, with their keys."""
+def _refuse(conflicts: Conflicts) -> None:
+    """Raise SceneError for the first of them."""
+    for key, value, problem in conflicts:
+        raise refusal(key, value, problem)
+
+
+def _groups(scene: Scene) -> Iterator[tuple[str, Group, Scene]]:
+    """The groups that have rules, with their keys, and the scene of the cable that they are of."""
+    of = {strand.name: strand.scene for strand in scene.strands}
     for member in fields(scene):
         value = getattr(scene, member.name)
         if isinstance(value, Group):
-            yield member.name, value
-        elif member.name in NAMED:
-            yield from ((f"{member.name}.{one.name}", one) for one in value)
+            yield member.name, value, of[MAIN]
+        for one in value if member.name in NAMED else ():
+            key = f"{member.name}.{one.name}"
+            if isinstance(one, Group):
+                yield key, one, of[getattr(one, "on", MAIN)]
+            for part in fields(one):
+                block = getattr(one, part.name)
+                if isinstance(block, Group):
+                    yield f"{key}.{part.name}", block, of[one.name]
 
 
 def check_group(key: str, group: Group, scene: Scene) -> None:
@@ -446,10 +564,8 @@ def _placement(scene: Scene) -> Conflicts:
         yield "end.position", end.position, f"{what}; {cure}"
 
 
-def _names_and_frames(scene: Scene) -> Conflicts:
-    """A name of a grasp and an obstacle; a frame of two end effectors, or of one and the world."""
-    for name in scene.holders.keys() & {one.name for one in scene.obstacles}:
-        yield "obstacles.names", name, "is the name of a grasp too; rename one of them"
+def _frames(scene: Scene) -> Conflicts:
+    """A frame of two end effectors, or of one and the world."""
     seen = {scene.frame_id: "frame_id"}
     for name, holder in scene.holder_keys():
         key = f"{name}.frame"
@@ -502,6 +618,7 @@ def check_added(scene: Scene, obstacle: Obstacle) -> None:
     for row in parameters_of(obstacle, f"obstacles.{obstacle.name}."):
         check_value(row, row.default)
     taken = set(scene.holders) | {one.name for one in scene.bodies}
+    taken |= {strand.name for strand in scene.strands} | {one.name for one in scene.connectors}
     if obstacle.name in taken:
         raise refusal("obstacles", obstacle.name, "is there already; remove it before")
     if obstacle.name in NAMED["obstacles"]:

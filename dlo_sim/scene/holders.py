@@ -6,6 +6,8 @@ from typing import Any
 from dlo_sim.scene.parameter import ORIGIN, Group, Switches, Vector, parameter
 from dlo_sim.scene.refusal import Rules, shown
 
+JOINTS = ("rigid", "hinged", "elastic")
+
 
 @dataclass(frozen=True)
 class Load(Group):
@@ -15,6 +17,8 @@ class Load(Group):
         topic: Topic of the load; empty without a signal = `~/<name>/wrench` or `~/<name>/force`
             (for a load named `force` of type force: `~/force`).
         type: Message type: WrenchStamped, or Vector3Stamped (a force).
+        on: The cable that it acts on: cable (the main one), or the name of a branch or further
+            cable.
         position: Location on the cable: 0 at start, 1 at end; the default for a load named `start`
             is 0.0.
         timeout: Time without messages after which the load is removed; 0 = never.
@@ -31,6 +35,7 @@ class Load(Group):
     name: str
     topic: str = parameter("", read_only=True)
     type: str = parameter("wrench", choices=("wrench", "force"), read_only=True)
+    on: str = parameter("cable", read_only=True)
     position: float = parameter(1.0, "", (0.0, 1.0))
     timeout: float = parameter(0.5, "s", (0.0, 3600.0))
     sign: float = parameter(1.0, "", (-1.0, 1.0), choices=(1.0, -1.0))
@@ -173,15 +178,34 @@ class Holder(Group):
             yield "tf_frame", "is the world frame, frame_id; give the frame of the end-effector"
 
 
+def joint_conflicts(joint: Any, key: str) -> Rules:
+    """A stiffness of a joint that is missing or does nothing; of a branch or a joined end."""
+    if joint.joint == "elastic" and not joint.joint_stiffness:
+        cure = f"give one above 0, or set {key}.joint to hinged"
+        yield "joint_stiffness", f"N m/rad is none for an elastic joint; {cure}"
+    if joint.joint != "elastic" and joint.joint_stiffness:
+        cure = f"set {key}.joint to elastic, or remove it"
+        yield "joint_stiffness", f"N m/rad does nothing in a joint that is {joint.joint}; {cure}"
+
+
 @dataclass(frozen=True)
 class End(Holder):
     """One end of the cable, `start` (u = 0) or `end` (u = L), and its end-effector.
 
     Parameters:
         mass: Point mass at this end.
+        joined: What this end is joined to, instead of being held: cable (the main one), or the name
+            of a branch or further cable; its own cable makes a ring. Empty = it is not joined.
+        joined_at: Where on that: 0 at start, 1 at end.
+        joint: Joint of a joined end, as `branches.<name>.joint`.
+        joint_stiffness: Stiffness of an elastic joint.
     """
 
     mass: float = parameter(0.0, "kg", (0.0, 1.0e4))
+    joined: str = parameter("", read_only=True)
+    joined_at: float = parameter(0.0, "", (0.0, 1.0))
+    joint: str = parameter("rigid", choices=JOINTS, read_only=True)
+    joint_stiffness: float = parameter(0.0, "N m/rad", (0.0, 1.0e9))
 
     @property
     def holds_roll(self) -> bool:
@@ -189,8 +213,18 @@ class End(Holder):
         return self.clamped or super().holds_roll
 
     def conflicts(self, key: str, scene: Any) -> Rules:
-        """The same, and a spring beside a clamp that holds the roll."""
+        """The same, a spring beside a clamp that holds the roll, and joints of what is held."""
         yield from super().conflicts(key, scene)
+        for what in ("fixed", "spring", "tangent_spring", "pose_topic", "tf_frame"):
+            value = getattr(self, what)
+            if self.joined and (any(value) if isinstance(value, tuple) else value):
+                none = {"fixed": "set it to [false, false, false]"}.get(what, "remove it")
+                why = f"is not possible, since {key}.joined is {self.joined}"
+                yield what, f"{why}; {none}, or hold the cable by a grasp"
+        for what in () if self.joined else ("joined_at", "joint_stiffness", "joint"):
+            if getattr(self, what) not in (0.0, "rigid"):
+                yield what, f"does nothing; name a cable in {key}.joined, or remove it"
+        yield from joint_conflicts(self, key)
         if self.roll_spring and self.clamped:
             cure = f"remove it, or take {key}.tangent_spring instead of the clamp"
             yield "roll_spring", f"N m/rad would do nothing beside a clamp; {cure}"
@@ -201,6 +235,7 @@ class Grasp(Holder):
     """A gripper that can hold the cable between its ends, and take and release it.
 
     Parameters:
+        on: The cable that it holds: cable (the main one), or the name of a branch or further cable.
         at: Location on the cable: 0 at start, 1 at end; negative = the point nearest to the gripper
             when it takes the cable.
         taken: Whether it holds the cable; a point taken during the simulation is held where it is.
@@ -219,6 +254,7 @@ class Grasp(Holder):
     """
 
     name: str = ""
+    on: str = parameter("cable", read_only=True)
     at: float = parameter(0.5, "", (-1.0, 1.0))
     taken: bool = parameter(True)
     taken_topic: str = parameter("", read_only=True)

@@ -11,8 +11,9 @@
         length: float = parameter(1.0, "m", (1.0e-4, 1.0e4))
 
 A group of parameters is such a dataclass: the annotation gives the type, `parameter(...)` the
-default, unit and bounds, the docstring the description. A key is a path of attributes. A field that
-holds a tuple of groups with names (`loads`) has the key `loads.names` and a block for each name.
+default, unit and bounds, the docstring the description. A key is a path of attributes (`from_` is
+`from`). A field that holds a tuple of groups with names (`loads`) has the key `loads.names` and a
+block for each name.
 `check_value` checks one value; every refusal is one line that names the key, the value and the
 cure.
 """
@@ -128,10 +129,10 @@ def parameter(
 
 def parameters_of(group: Any, prefix: str = "") -> Iterator[Parameter]:
     """The parameters of a group and its subgroups, each with its present value as default."""
-    texts = _descriptions(type(group))  # type: ignore[arg-type]
+    texts = descriptions(type(group))  # type: ignore[arg-type]
     for member in fields(group):
-        key, value = f"{prefix}{member.name}", getattr(group, member.name)
-        facts = {"description": texts.get(member.name, ""), **member.metadata}
+        key, value = f"{prefix}{_word(member)}", getattr(group, member.name)
+        facts = {"description": texts.get(_word(member), ""), **member.metadata}
         if is_dataclass(value):
             yield from parameters_of(value, f"{key}.")
         elif _holds_groups(member) and member.metadata:
@@ -150,7 +151,7 @@ def with_parameters(group: Fields, values: Mapping[str, Any], prefix: str = "") 
     """A copy of the group with new values for some parameters, given by their keys."""
     changes: dict[str, Any] = {}
     for member in fields(group):  # type: ignore[arg-type]
-        key, value = f"{prefix}{member.name}", getattr(group, member.name)
+        key, value = f"{prefix}{_word(member)}", getattr(group, member.name)
         if is_dataclass(value):
             changes[member.name] = with_parameters(value, values, f"{key}.")
         elif _holds_groups(member):
@@ -162,8 +163,13 @@ def with_parameters(group: Fields, values: Mapping[str, Any], prefix: str = "") 
     return replace(group, **changes)  # type: ignore[type-var]
 
 
+def _word(member: Field[Any]) -> str:
+    """The name of a field in keys, where it may be a keyword of Python."""
+    return member.name.rstrip("_")
+
+
 @cache
-def _descriptions(group: type) -> dict[str, str]:
+def descriptions(group: type) -> dict[str, str]:
     """Parameter -> description, from the docstrings of a class and of those that it extends."""
     texts: dict[str, str] = {}
     for one in reversed(group.__mro__):
@@ -262,6 +268,15 @@ def _check_number(row: Parameter, value: object, key: str) -> float | int:
     return value if row.element_kind == "integer" else float(value)
 
 
+def off_unit(vector: Vector) -> Vector | None:
+    """The unit vector along one that is none (+y for zeros); None for a unit vector."""
+    size = math.hypot(*vector)
+    if abs(size - 1.0) <= 1e-6:
+        return None
+    x, y, z = (round(a / size, 9) for a in vector) if size > 0.0 else (0.0, 1.0, 0.0)
+    return x, y, z
+
+
 def check_names(key: str, names: Sequence[str], reserved: Sequence[str] = ()) -> None:
     """Raise SceneError for duplicates and names that cannot be part of a key."""
     for name in names:
@@ -282,8 +297,8 @@ def unknown_key(key: str, value: object, known: Mapping[str, Parameter]) -> Scen
     if members:
         return refusal(key, value, f"stands for a group of keys; give {members[0]} and so on")
     parts = key.split(".")
-    if len(parts) == 3 and f"{parts[0]}.names" in known:
-        group, name, _ = parts
+    if len(parts) >= 3 and f"{parts[0]}.names" in known:
+        group, name, *_ = parts
         if not any(row.startswith(f"{group}.{name}.") for row in known):
             return SceneError(
                 f"{key}: {brief(value)} belongs to a name that is not in {group}.names; "

@@ -2,10 +2,10 @@
 
 import pytest
 
-from dlo_sim.scene.description import markdown_table, scene_parameters
+from dlo_sim.scene.description import markdown_table, placeholder_parameters, scene_parameters
 from dlo_sim.scene.parameter import Parameter, check_value
 
-TABLE = scene_parameters(("tip",))
+TABLE = scene_parameters(("tip",), ("hand",), ("table",), ("a",), ("c",), ("plug",))
 
 
 def test_no_key_is_there_twice():
@@ -61,8 +61,14 @@ def test_only_the_default_position_of_a_load_depends_on_its_name():
 
 def test_markdown_has_one_row_per_parameter_and_whole_cells():
     lines = markdown_table().splitlines()
-    assert len(lines) == 2 + len(scene_parameters(("tip",), ("hand",), ("table",)))
+    keys = [row.key for row in placeholder_parameters()]
+    inner = {".".join(key.split(".")[:3]) for key in keys if key.count(".") > 2}
+    alike = [part for part in inner if not part.endswith(".discretization")]  # one row each
+    assert len(alike) == 5
+    once = [key for key in keys if not any(key.startswith(f"{part}.") for part in alike)]
+    assert len(lines) == 2 + len(once) + len(alike)
     assert all(line.count("|") == 7 for line in lines)
+    assert any(line.startswith("| `branches.<name>.cable.*` |  |") for line in lines)
     length = "| `cable.length` | double | `1.0` | m | 0.0001 to 10000 | Rest length L"
     assert any(line.startswith(length) for line in lines)
     assert any(line.startswith("| `loads.<name>.force` | double[3] |") for line in lines)
