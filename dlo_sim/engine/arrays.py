@@ -42,6 +42,7 @@ GUARDED = 32768  # spans are kept from turning over (`engine.span_guard`)
 BORDERED = 1 << 16  # a place between control points may be held (`engine.band`)
 LOADED = 1 << 17  # wrenches may act
 SPRUNG = 1 << 18  # springs may hold the cable
+RIGID = 1 << 22  # rigid bodies (`engine.rigid_body`)
 MESHED = 1 << 24  # obstacles may be triangle meshes (`contact.MESH`)
 SLIDING = 1 << 25  # grasps may let the cable slide
 PRESSURE = 1 << 26  # in the bore of a hose
@@ -181,6 +182,15 @@ class Slides(Group):
     breaks = Reals("n")  # material coordinates of the ends of the knot spans [m]
 
 
+class Bodies(Group):
+    """Rigid bodies, of four control points that are at most three apart (`engine.rigid_body`)."""
+
+    point = Wholes("bodies", 4)  # control points of the origin and of the directors' ends
+    idle = Wholes("bodies", 4)  # 1 for a control point that is of the body only
+    length = Reals("bodies", 3)  # l [m]; negative where a director points to the origin
+    stiffness = Reals("bodies")  # K [J]
+
+
 class Loads(Group):
     """Places of point wrenches."""
 
@@ -256,6 +266,7 @@ class State(Group):
     reaction = Reals("rigid")  # mean force over the last step
     reaction_before = Reals("rigid")  # over the step before
     tension = Lanes("blocks", "samples")  # over EA, as last predicted (`engine.tension`)
+    stress = Reals("bodies", 6)  # over K, as last predicted (`engine.rigid_body`)
     anchor = Reals("rows")  # targets of the springs, behind the rigid rows
     anchor_counted = Reals("rows")  # targets up to which the account has the work
     slide = Reals("slides")  # material coordinate that it holds [m], or `sliding.LOST`
@@ -383,6 +394,7 @@ class Work(Group):
     strain_moments = Lanes(4, 3)
     flow_moments = Lanes(4, 3)
     tension_before = Lanes("blocks", "samples")  # the last correction
+    stress_before = Reals("bodies", 6)
     tension_start = Lanes("blocks", "samples")  # the step
     guard = Lanes(25)  # gradient of the span guard on a block, and factors of its Jacobian
     pairs = Reals("pairings", 16, "columns")  # entries between two control points of each span
@@ -445,6 +457,7 @@ class CableArrays(Group):
     points: Points
     rows: Rows
     slides: Slides
+    bodies: Bodies
     loads: Loads
     contact: Contact
     chain: Chain

@@ -18,6 +18,7 @@ from dlo_sim.engine import (
     natural_curvature,
     plasticity,
     pressure,
+    rigid_body,
     self_contact,
     sliding,
     torsion,
@@ -63,6 +64,7 @@ def all_forces(cable, x, out):
     natural_force(cable, x, x, out)
     torsion.force(cable, x, x, out)
     pressure.force(cable, x, x, out)
+    rigid_body.force(cable, x, x, out)
     buoyancy.force(cable, x, x, out)
     bishop.force(cable, x, x, out)
     contact.add_force(cable, NO, x, out)
@@ -92,6 +94,7 @@ def all_energies(cable, x, out):
     natural_curvature.energy(cable, x, out)
     torsion.energy(cable, x, out)
     pressure.energy(cable, x, out)
+    rigid_body.energy(cable, x, out)
     buoyancy.energy(cable, x, out)
     bishop.energy(cable, x, out)
     plasticity.energy(cable, x, out)
@@ -108,6 +111,7 @@ def discrete_gradient(cable, x0, x1, moved, viscous, out):
     lost = discrete_force(cable, x0, x1, moved, viscous, out)
     natural_force(cable, x0, x1, out)
     pressure.force(cable, x0, x1, out)
+    rigid_body.force(cable, x0, x1, out)
     buoyancy.force(cable, x0, x1, out)
     return lost
 
@@ -119,6 +123,7 @@ def discrete_jacobian(cable, x0, x1, viscous, twist, scale, band):
     """
     add_tangent(cable, x0, x1, viscous, twist, scale, band)
     pressure.tangent(cable, x0, x1, scale, band)
+    rigid_body.tangent(cable, x0, x1, scale, band)
     buoyancy.tangent(cable, x0, x1, scale, band)
 
 

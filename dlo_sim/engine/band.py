@@ -39,6 +39,7 @@ from dlo_sim.engine.arrays import (
     LINES,
     MARGIN,
     PADDING,
+    RIGID,
     VECTOR,
 )
 from dlo_sim.engine.skyline import substitute_skyline
@@ -232,6 +233,11 @@ def hold(cable, rows, columns, band):
         line, own = cable.rows.line[k], cable.points.own[cable.rows.point[k]]
         if line >= 0 and own >= 0:
             hold_unknown(lines, own * lines + line, band)
+    if cable.terms & RIGID and lines > dim:
+        for body in range(len(cable.bodies.idle)):
+            for k in range(4):
+                if cable.bodies.idle[body, k] == 1:
+                    hold_unknown(lines, cable.bodies.point[body, k] * lines + dim, band)
 
 
 @inline
@@ -254,6 +260,12 @@ def clear_held(cable, numbers, begin):
         elif clamps_here(cable, k):
             for d in range(1, cable.dim):
                 numbers[begin + own * cable.lines + d] = 0.0
+    if cable.terms & RIGID and cable.lines > cable.dim:
+        for body in range(len(cable.bodies.idle)):
+            for k in range(4):
+                if cable.bodies.idle[body, k] == 1:
+                    at = begin + cable.bodies.point[body, k] * cable.lines + cable.dim
+                    numbers[at] = 0.0
 
 
 # -- LU factors ----------------------------------------------------------------------------------

@@ -14,6 +14,9 @@ multiplier of the constraint eps = 0, which is kept from iterate to iterate: the
 T + EA eps, with EA as the penalty factor of an augmented Lagrangian, and every correction adds
 EA times the strain that remains. Any EA that exceeds the other stiffnesses gives the same solution.
 
+Rigid bodies have predicted stresses of the same kind (`engine.rigid_body`); the functions here set
+both.
+
 `state.tension` holds T / EA at the quadrature points; eps is the local or the projected strain
 (`engine.elastic`), in a step the mean of those at its two configurations, or half the one at its
 end for a cable of constant length.
@@ -29,6 +32,7 @@ from numba.types import UniTuple
 
 from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import lane_sum, sqrt, zero
+from dlo_sim.engine import rigid_body
 from dlo_sim.engine.arrays import ANY_STRETCH, BETWEEN, CABLE, IMPLICIT, LINES, SPAN_STRETCH
 from dlo_sim.engine.spans import curve, span_strains, tangent_at
 from dlo_sim.terms import stretch
@@ -76,6 +80,7 @@ def predict_tension(cable, x0, x1, moved, share):
     too: not in a step that keeps the length. With x0 = x1 at the middle of a step, `moved` counts
     by half.
     """
+    rigid_body.predict(cable, x0, x1, moved)
     if not cable.terms & ANY_STRETCH:
         return
     mesh, tension, before = cable.mesh, cable.state.tension, cable.work.tension_before
@@ -101,6 +106,7 @@ def predict_tension(cable, x0, x1, moved, share):
 @inline
 def shorten_tension(cable, share):
     """Leave this share of the last prediction."""
+    rigid_body.shorten(cable, share)
     tension, before = cable.state.tension, cable.work.tension_before
     for b in range(cable.blocks):
         for j in range(cable.samples):
@@ -113,6 +119,7 @@ def take_tension(cable, x0, x1):
     stays.
     """
     mesh, tension = cable.mesh, cable.state.tension
+    rigid_body.take(cable, x0, x1)
     if not cable.terms & ANY_STRETCH or cable.physics.keeps_length != 0.0:
         return
     for b in range(cable.blocks):
@@ -129,6 +136,8 @@ def may_stretch(cable, moved, allowed):
     """Whether a correction whose largest entry is `moved` [m] may cause a strain beyond the
     predicted one of more than the energy `allowed` [J]: that strain is of second order.
     """
+    if rigid_body.may_strain(cable, moved, allowed):
+        return True
     turned = TURN * moved / cable.physics.shortest_span
     strain = turned * turned
     return cable.physics.axial_round_off * strain * strain > allowed
@@ -148,8 +157,9 @@ def unpredicted(cable, x0, x1, moved):
     EA e^2 and of EA e d eps along `moved` [J]: a bound of its energy, and the work against it.
     """
     energy, work = zero(), zero()
+    of_bodies = rigid_body.unpredicted(cable, x0, x1, moved)
     if not cable.terms & ANY_STRETCH:
-        return 0.0, 0.0
+        return of_bodies
     mesh, tension, elastic = cable.mesh, cable.state.tension, 1.0 - cable.physics.keeps_length
     for b in range(cable.blocks):
         p, q, r = curve(cable, x0, b, 1.0), curve(cable, x1, b, 1.0), curve(cable, moved, b, 0.0)
@@ -162,4 +172,4 @@ def unpredicted(cable, x0, x1, moved):
             along = dot(combined(1.0, ta, 1.0, tb), tangent_at(r, xi))
             energy += f * strain * strain
             work += f * strain * along / (sqrt(dot(ta, ta)) + sqrt(dot(tb, tb)))
-    return lane_sum(energy), lane_sum(work)
+    return lane_sum(energy) + of_bodies[0], lane_sum(work) + of_bodies[1]

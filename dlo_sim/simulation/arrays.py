@@ -31,13 +31,14 @@ def sizes_of(
     pieces: int,
     segments: int,
     field_values: int = 0,
+    bodies: int = 0,
 ) -> dict[str, int]:
     """Sizes of all dimensions that `engine.arrays` names.
 
     Args:
         terms: bits of the active terms. pieces: groups of samples of a span that touch bodies, 0
             without obstacles. segments: of a span, that touch each other, or 0. field_values: of
-            meshes that are obstacles.
+            meshes that are obstacles. bodies: rigid ones.
     """
     lines, unknowns = dim + twist, n * (dim + twist)
     spans = n - DEGREE
@@ -62,6 +63,7 @@ def sizes_of(
         "springs": len(holding.springs),
         "joints": holding.joints,
         "slides": len(holding.slides),
+        "bodies": bodies,
         "bordered": holding.border + holding.joints,
         "grasps": grasps,
         "loads": loads,
