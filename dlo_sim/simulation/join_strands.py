@@ -25,7 +25,7 @@ from dlo_sim.simulation.obstacles import samples_by_span, write_samples
 
 Array = NDArray[np.float64]
 LIGHT = 1e-3  # of a third of a span: mass of a body that has none of its own
-RIGID = 1e4  # stiffness of a body, in the axial stiffness of a cable as long as its directors
+RIGID = 100.0  # stiffness of a body, in the axial stiffness of a cable as long as its directors
 # What the lanes of void spans have where they are divided by.
 VOID = {"padding": 1.0, "slope": 1.0, "axial": 1.0, "bending": 1.0}
 
@@ -44,7 +44,7 @@ def joined(
     rolls = rolls_of(layout) if first.twist else []
     terms = sum_of_terms(models) & ~(bits.BORDERED | bits.SPRUNG) | holding.terms
     sizes = sizes_of(
-        terms=terms | bits.BORDERED * bool(rolls) | (bits.RIGID if layout.bodies else 0),
+        terms=terms | bits.BORDERED * bool(rolls) | bits.RIGID * bool(layout.bodies),
         dim=len(first.axes),
         twist=first.twist,
         n=layout.n,
@@ -56,7 +56,7 @@ def joined(
         pieces=first.arrays.contact.pieces + first.arrays.contact.guide_pieces,
         segments=first.arrays.sizes["segments"],
         field_values=first.arrays.sizes["field_values"],
-        **({'bodies': len(layout.bodies), 'rolls': len(rolls)} if layout.bodies or rolls else {}),
+        bodies=len(layout.bodies),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
     model = Model(
@@ -115,9 +115,11 @@ class _Joining:
             rows = [point.twist == twist for point in model.holding.points]
             shifts[rows] = model.mass_solutions(values[rows], twist)
         fill_rows(model, values, shifts)
+        alone = only_of_bodies(layout)
         for number, body in enumerate(layout.bodies):
             given, cable = self._arrays.bodies, layout.parts[body.strand].model.scene.cable
             given.point[number] = body.points
+            given.idle[number] = alone[list(body.points)]
             given.length[number] = [sign * body.length for sign in body.signs]
             given.stiffness[number] = RIGID * cable.EA * body.length
 
