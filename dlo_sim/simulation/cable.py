@@ -284,12 +284,19 @@ class Cable:
         points = other.points
         rates = other.model.to_columns(other.velocities(time), rest=False)
         points[:, :3] += other.model.origin - self.model.origin
-        ours, theirs = self.model.knots, other.model.knots
-        if np.array_equal(ours, theirs):
-            return points, rates
-        u = bspline.greville(ours) * (theirs[-1] / ours[-1])
-        points, rates = (bspline.evaluate(values, theirs, u) for values in (points, rates))
-        return bspline.interpolate(ours, points), bspline.interpolate(ours, rates)
+        found = np.zeros((self.model.n, 4)), np.zeros((self.model.n, 4))
+        for own, part in zip(self.model.parts, other.model.parts, strict=True):
+            ours, theirs = own.model.knots, part.model.knots
+            for out, values in zip(found, (points[part.here], rates[part.here]), strict=True):
+                if np.array_equal(ours, theirs):
+                    out[own.here] = values
+                else:
+                    u = bspline.greville(ours) * (theirs[-1] / ours[-1])
+                    out[own.here] = bspline.interpolate(ours, bspline.evaluate(values, theirs, u))
+        for own, body in zip(self.model.bodies, other.model.bodies, strict=True):
+            for out, values in zip(found, (points, rates), strict=True):
+                out[own.points, :3] = own.taken(body, values[body.points, :3])
+        return found
 
     # -- state ----------------------------------------------------------------------------------
 

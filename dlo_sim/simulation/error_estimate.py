@@ -120,7 +120,7 @@ class ErrorEstimate:
         self._look = max(1, round(LOOK / simulator.step))
         kept = max(1, round(WINDOW / (self._look * simulator.step)))
         self._finer = tuple(_Companion(simulator, part, place, kept) for part in PARTS)
-        self._u = np.linspace(0.0, simulator.scene.cable.length, POINTS)
+        self._shares = np.linspace(0.0, 1.0, POINTS)
         simulator.follower = self._repeat
         self._compare()
 
@@ -205,9 +205,9 @@ class ErrorEstimate:
             companion.change(self._steps, lambda one: change.repeat(one, began))
 
     def _compare(self) -> None:
-        points, steps = self.simulator.centerline(self._u), self._steps
+        points, steps = self.simulator.outline(self._shares), self._steps
         for companion in self._finer:
-            companion.compare(steps, points, self._u)
+            companion.compare(steps, points, self._shares)
             companion.follow()
             if companion.behind(steps) > self._most_behind:
                 if self.waits:
@@ -285,13 +285,13 @@ class _Companion:
         if self.simulator is not None and not self.failure:
             self._log.append((steps, change))
 
-    def compare(self, steps: int, points: Array, u: Array) -> None:
-        """Estimate the error from the distance to the original's points (len(u), 3) after these
-        steps.
+    def compare(self, steps: int, points: Array, shares: Array) -> None:
+        """Estimate the error from the distance to the original's `outline` at these shares after
+        these steps.
         """
 
         def estimate(simulator: Simulator) -> None:
-            gap = simulator.centerline(u) - points
+            gap = simulator.outline(shares) - points
             error = self._factor * math.sqrt(float(np.einsum("ij,ij->i", gap, gap).max()))
             self._errors.append(error)
             self.largest = max(self.largest, error)
@@ -395,7 +395,10 @@ def _finer(original: Simulator, part: str, place: _Place) -> _Finer | None:
     finer_spans = min(math.ceil(factor * spans), MOST_CONTROL_POINTS - bspline.DEGREE)
     if finer_spans <= spans:
         raise SceneError(f"discretization.control_points: {choice.control_points} is the most")
-    values["discretization.control_points"] = finer_spans + bspline.DEGREE
+    for strand in scene.strands:
+        own = strand.scene.discretization.control_points - bspline.DEGREE
+        key = strand.key_of("discretization.control_points")
+        values[key] = math.ceil(own * finer_spans / spans) + bspline.DEGREE
     if choice.quadrature == "uniform":
         values["discretization.samples"] = max(choice.samples, 2 * finer_spans)
     if explicit:

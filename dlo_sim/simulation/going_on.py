@@ -45,7 +45,7 @@ def take_over(sim: Running, other: Running) -> None:
     for row, (name, holder) in enumerate(sim.scene.holders.items()):
         at = sim.geometries[name].u
         if at is not None and holder.holds_roll and not other.scene.holders[name].holds_roll:
-            twists[row] = sim.curve.twist_at(at, points)
+            twists[row] = sim.curve_held(name).twist_at(at, points)
     sim.cable.count_twists(0.0, enumerate(twists))
     sim.cable.take_contact(other.cable, other.time)
     sim.cable.pull(sim.time)
@@ -79,7 +79,7 @@ def _take_over_grasps(sim: Running, other: Running) -> list[str]:
     for grasp in sim.scene.grasps:
         name, before = grasp.name, theirs[grasp.name]
         if grasp.taken and before.u is not None and grasp.at == other.scene.grasp(name).at:
-            longer = sim.scene.cable.length / other.scene.cable.length
+            longer = sim.curve_held(name).length / other.curve_held(name).length
             held[name] = replace(before, u=before.u * longer)
             sim.ends.hold(name, held[name])
         else:

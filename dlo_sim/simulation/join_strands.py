@@ -119,7 +119,7 @@ class _Joining:
         for number, body in enumerate(layout.bodies):
             given, cable = self._arrays.bodies, layout.parts[body.strand].model.scene.cable
             given.point[number] = body.points
-            given.idle[number] = alone[list(body.points)]
+            given.idle[number] = alone[body.points]
             given.length[number] = [sign * body.length for sign in body.signs]
             given.stiffness[number] = RIGID * cable.EA * body.length
 

@@ -19,7 +19,7 @@ from dlo_sim.simulation.holding import Holding
 from dlo_sim.simulation.meshes import Field
 
 if TYPE_CHECKING:
-    from dlo_sim.simulation.net import Layout
+    from dlo_sim.simulation.net import Body, Layout
 
 Array = NDArray[np.float64]
 MAIN = "cable"  # name of the main strand
@@ -176,6 +176,15 @@ class Model:
         return tuple(self.layout.parts.values())
 
     @property
+    def bodies(self) -> tuple[Body, ...]:
+        """The rigid bodies of a net."""
+        return () if self.layout is None else self.layout.bodies
+
+    def part_held(self, grasp: int) -> Part:
+        """The strand that the holder with this number may hold."""
+        return next(part for part in reversed(self.parts) if part.grasp <= grasp)
+
+    @property
     def length(self) -> float:
         """Rest length [m] of the longest strand."""
         return max(part.length for part in self.parts)
@@ -251,6 +260,15 @@ class Part:
     def spans(self) -> slice:
         """Its knot spans."""
         return slice(self.first, self.first + self.model.n - bspline.DEGREE)
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """The rigid bodies of a net."""
+        return () if self.layout is None else self.layout.bodies
+
+    def part_held(self, grasp: int) -> Part:
+        """The strand that the holder with this number may hold."""
+        return next(part for part in reversed(self.parts) if part.grasp <= grasp)
 
     @property
     def length(self) -> float:

@@ -75,8 +75,13 @@ class Body(NamedTuple):
     frame: Array
     length: float
     first: int
-    points: tuple[int, int, int, int]
+    points: list[int]
     signs: tuple[float, float, float]
+
+    def taken(self, other: Body, points: Array) -> Array:
+        """Its control points where the other body has these, both (4, 3), or their velocities."""
+        ratio = np.array(self.signs) * self.length / (np.array(other.signs) * other.length)
+        return points[0] + np.append(0.0, ratio)[:, None] * (points - points[0])
 
     def weights(self, arm: Array) -> Weights:
         """Weights of its control points, from `first` on, in the vector sum_i arm_i e_i."""
@@ -146,7 +151,9 @@ class Layout(NamedTuple):
         """
         both = {(join.strand, join.u), (join.other, join.at)}
         cables = [self.parts[name].model.scene.cable for name, _ in both]
-        alike = all((one.EI, one.natural_shape) == (cables[0].EI, cables[0].natural_shape) for one in cables)
+        alike = all(
+            (one.EI, one.natural_shape) == (cables[0].EI, cables[0].natural_shape) for one in cables
+        )
         joins = [one for one in self.joins if both & {(one.strand, one.u), (one.other, one.at)}]
         bodies = [one for one in self.bodies if (one.strand, one.u) in both]
         held = join.at not in (0.0, self.parts[join.other].length)  # amid the other strand
@@ -234,17 +241,17 @@ def layout_of(scene: Scene, geometries: Geometries, models: Mapping[str, Model])
         parts[name] = part
         last = first + model.n - 1
         if begins:
-            points, signs = (first, first + 1, at, at + 1), (1.0, 1.0, 1.0)
+            points, signs = [first, first + 1, at, at + 1], (1.0, 1.0, 1.0)
             given = wanted[name, 0.0], frames[name], float(spans[0]) / 3.0, at
             bodies.append(Body(name, 0.0, *given, points, signs))
         if ends:
-            points, signs = (last, last - 1, last + 1, last + 2), (-1.0, 1.0, 1.0)
+            points, signs = [last, last - 1, last + 1, last + 2], (-1.0, 1.0, 1.0)
             given = wanted[name, length], frames[name], float(spans[-1]) / 3.0, last - 1
             bodies.append(Body(name, length, *given, points, signs))
         at = last + 1 + OWN * ends
         for (on, u), connector in wanted.items():
             if on == name and 0.0 < u < length:
-                points, signs = (at, at + 1, at + 2, at + 3), (1.0, 1.0, 1.0)
+                points, signs = [at, at + 1, at + 2, at + 3], (1.0, 1.0, 1.0)
                 size = float(spans.max()) / 3.0
                 bodies.append(Body(name, u, connector, frames[name], size, at, points, signs))
                 at += ALONE

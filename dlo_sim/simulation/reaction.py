@@ -22,7 +22,11 @@ def reaction(cable: Cable, t: float, grasp: int) -> Array:
     after a jump; else the present value. The part of the springs is the present value.
     """
     points, wrench = cable.model.blank.copy(), np.zeros(6)
-    about = _NONE if grasp < 2 else _place_of(cable.model, grasp, cable.points, cable.slides)
+    about = (
+        _NONE
+        if grasp < 2 and cable.model.layout is None
+        else _place_of(cable.model, grasp, cable.points, cable.slides)
+    )
     if not cable.call(add_wrench, grasp, _NONE, points, about, wrench):
         cable.call(add_wrench, grasp, cable.held_force(t), points, about, wrench)
     return wrench
@@ -38,4 +42,5 @@ def _place_of(model: Model, grasp: int, points: Array, slides: Array) -> Array:
         at = u if slide.grasp == grasp else at
     if at is None or at < 0.0:
         return np.zeros(3)
-    return np.asarray(bspline.evaluate(points[:, :3], model.knots, [at])[0])
+    part = model.part_held(grasp)
+    return np.asarray(bspline.evaluate(points[part.here, :3], part.model.knots, [at])[0])

@@ -135,6 +135,13 @@ def continued(scene: Scene, before: Scene) -> Scene:
     """A scene with the number of control points and the knots of the one that is being simulated,
     as far as it leaves them open: they do not change while a cable moves.
     """
+    if scene.is_net:
+        fixed = {
+            strand.key_of("discretization.control_points"): one.scene.discretization.control_points
+            for strand, one in zip(scene.strands, before.strands, strict=True)
+            if not strand.scene.discretization.control_points
+        }
+        return scene.with_values({"discretization.knots": "uniform"} | fixed)
     asked, present = scene.discretization, before.discretization
     number = asked.control_points or present.control_points
     if asked.knots != "auto" or number != present.control_points:

@@ -29,7 +29,7 @@ from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.curve import Curve
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import Geometries, Geometry
-from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.model import MAIN, Model
 from dlo_sim.simulation.natural_shape import NaturalShape
 from dlo_sim.simulation.report import Energy
 from dlo_sim.simulation.resolution import Shortfall
@@ -101,8 +101,8 @@ class Running:
     """A cable of one scene with its ends, natural shape, motions and steps.
 
     Attributes:
-        needs: the terms. cable: the arrays. curve: its centerline. natural: its natural shape.
-        ends: end effectors.
+        needs: the terms. cable: the arrays. curves: centerlines by strand. natural: its natural
+            shape. ends: end effectors.
         choice: method, step and the reason for them. stepper: of these steps. steps: made so far.
         noticed: see there. follower: repeats every change (`timeline.recorded`), or None.
     """
@@ -114,7 +114,11 @@ class Running:
     def __init__(self, model: Model) -> None:
         self.needs = model.needs
         self.cable = Cable(model)
-        self.curve = Curve(self.cable, model.geometries["start"].tangent)
+        self.curves = {
+            part.name: Curve(self.cable, model.geometries[held].tangent, number)
+            for number, part in enumerate(model.parts)
+            for held in list(model.scene.holders)[part.grasp : part.grasp + 1]
+        }
         self.ends = EndDrive(model)
         self.steps, self.remainder = 0, 0.0
         self.noticed = Noticed()
@@ -148,6 +152,21 @@ class Running:
     def __reduce__(self) -> tuple[Any, ...]:
         """A copy goes on from the same state, and is not followed."""
         return type(self).resumed, (self.snapshot(), self.initial)
+
+    @property
+    def curve(self) -> Curve:
+        """That of the main cable."""
+        return self.curves[MAIN]
+
+    def curve_held(self, holder: str) -> Curve:
+        """That of the strand that an end or grasp may hold."""
+        number = list(self.scene.holders).index(holder)
+        return self.curves[self.model.part_held(number).name]
+
+    def outline(self, shares: Array) -> Array:
+        """Points [m] of all strands at shares of their lengths, shape (strands len(shares), 3)."""
+        lines = [curve.points(shares * curve.length) for curve in self.curves.values()]
+        return np.concatenate(lines)
 
     @property
     def scene(self) -> Scene:
@@ -403,8 +422,8 @@ class Running:
         if self.held_now[grasp].u is not None:
             raise ValueError(f"grasp '{grasp}': holds the cable already; release it before")
         share = scene_grasp.at if at is None else arguments.number("at", at, "from -1 to 1")
-        length = self.scene.cable.length
-        return self.curve.taken(share, length, *self.ends.pose(grasp, self.time))
+        curve = self.curve_held(grasp)
+        return curve.taken(share, curve.length, *self.ends.pose(grasp, self.time))
 
     def hold(self, grasp: str, geometry: Geometry) -> None:
         """Hold the cable as a grasp does from now on; what that changes in energy is its work."""
@@ -412,7 +431,7 @@ class Running:
         with self.cable.working(self.time):
             self.ends.hold(grasp, geometry)
             if geometry.u is not None:
-                angle = self.curve.twist_at(geometry.u, self.cable.points)
+                angle = self.curve_held(grasp).twist_at(geometry.u, self.cable.points)
                 number = list(self.scene.holders).index(grasp)
                 self.cable.count_twists(self.time, [(number, angle)])
             self.activate(model)

@@ -25,6 +25,7 @@ from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation import following, obstacles, remarks, self_contact
 from dlo_sim.simulation.bodies import write
 from dlo_sim.simulation.build_model import build_model
+from dlo_sim.simulation.curve import Curve
 from dlo_sim.simulation.drawn_strands import held_geometries
 from dlo_sim.simulation.ends import NEAR, apart
 from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, checked_times, shape_times
@@ -190,6 +191,15 @@ class Simulator(Running):
             TypeError, ValueError: not such numbers.
         """
         return self.curve.points(_coordinates(u))
+
+    def strand(self, name: str) -> Curve:
+        """A cable of a net, `cable` or the name of a branch or further cable, of which the shape
+        can be read as that of the main one.
+
+        Raises:
+            TypeError, ValueError: no such cable.
+        """
+        return self.curves[arguments.one_of("strand", name, self.curves)]
 
     def tension(self, u: ArrayLike) -> Array:
         """Tension EA (|r'| - 1) - EI kappa^2 [N] at u, shape (len(u),), without damping forces.
