@@ -26,7 +26,7 @@ from dlo_sim.simulation.geometry import (
     first_shape,
     geometries_of,
 )
-from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.model import Model, Part
 from dlo_sim.simulation.net import drawn_frame, names_of
 
 Array = NDArray[np.float64]
@@ -138,20 +138,65 @@ def held_geometries(
 
 def first_points(model: Model) -> Array:
     """Control points [m] of all strands and bodies before any relaxation, shape (n, 3)."""
-    layout = model.layout
-    if layout is None:
+    if model.layout is None:
         return first_shape(model.scene, model.geometries, model.knots)
-    strands = drawn(model.scene, model.geometries)
-    points = np.zeros((model.n, 3))
+    strands, points = drawn(model.scene, model.geometries), np.zeros((model.n, 3))
     for part in model.parts:
         line = strands[part.name].line(bspline.greville(part.model.knots))
         points[part.here] = bspline.interpolate(part.model.knots, line)
-    for body in layout.bodies:
-        part = layout.parts[body.strand]
-        strand = strands[body.strand]
-        place, carried = strand.at(body.u / part.length)
-        directors = carried @ part.drawn.T @ body.frame
-        points[body.points[0]] = place
-        for k in range(3):
-            points[body.points[1 + k]] = place + body.signs[k] * body.length * directors[:, k]
-    return points
+    return with_bodies(model, points, model.geometries["start"].orientation)
+
+
+def with_bodies(model: Model, points: Array, orientation: Array) -> Array:
+    """Control points (n, 3) with those of the bodies where the strands have them: a branch leaves
+    its parent at the angle at which it is drawn, as it is turned about the line of its own.
+
+    Args:
+        orientation: of the end effector at the start of the main cable.
+    """
+    out, frames = points.copy(), dict[str, Array]()
+    for part in model.parts:
+        tangent = _tangent(part, points, 0.0)
+        frames[part.name] = _swung(rotations.to_matrix(orientation) @ part.drawn, tangent)
+        for join in model.layout.joins if model.layout else ():
+            other = model.layout.parts[join.other]
+            if join.strand == part.name and join.u == 0.0 and not join.in_line:
+                across = _tangent(other, points, join.at)
+                frames[part.name] = _turned(part.drawn, other.drawn[:, 0], tangent, across)
+    for body in model.bodies:
+        part = next(one for one in model.parts if one.name == body.strand)
+        frame = frames[part.name]
+        for u in np.linspace(0.0, body.u, PLACES):
+            frame = _swung(frame, _tangent(part, points, u))
+        directors = frame @ part.drawn.T @ body.frame
+        place = bspline.evaluate(points[part.here], part.model.knots, [body.u])[0]
+        out[body.points] = place
+        out[body.points[1:]] += body.length * (np.array(body.signs) * directors).T
+    return out
+
+
+def _tangent(part: Part, points: Array, u: float) -> Array:
+    slope = bspline.evaluate(points[part.here], part.model.knots, [u], 1)[0]
+    return np.asarray(slope / math.hypot(*slope))
+
+
+def _swung(frame: Array, tangent: Array) -> Array:
+    """The frame with its first axis turned to a tangent by the smallest rotation."""
+    return np.asarray(rotations.to_matrix(rotations.minimal_rotation(frame[:, 0], tangent)) @ frame)
+
+
+def _turned(drawn: Array, other: Array, tangent: Array, across: Array) -> Array:
+    """The drawn frame turned so that its first axis is `tangent`, and the drawn direction `other`
+    as near to `across` as that allows.
+    """
+    before, after = (_orthonormal(a, b) for a, b in ((drawn[:, 0], other), (tangent, across)))
+    return np.asarray(after @ before.T @ drawn)
+
+
+def _orthonormal(x: Array, beside: Array) -> Array:
+    """Frame with the first axis x and the second one towards another direction, as columns."""
+    z = np.cross(x, beside)
+    if math.hypot(*z) < 1e-9:
+        z = np.cross(x, np.eye(3)[np.argmin(np.abs(x))])
+    z = z / math.hypot(*z)
+    return np.stack((x, np.cross(z, x), z), axis=1)

@@ -579,9 +579,9 @@ class Simulator(Running):
 
     def start_from_points(
         self,
-        points: ArrayLike,
+        points: ArrayLike | Mapping[str, ArrayLike],
         times: ArrayLike | None = None,
-        coordinates: ArrayLike | None = None,
+        coordinates: ArrayLike | Mapping[str, ArrayLike] | None = None,
     ) -> None:
         """Set the initial state: a smooth cable of the right length through measured points.
 
@@ -589,12 +589,12 @@ class Simulator(Running):
 
         Args:
             points: in their order along the cable [m], shape (M, 3), NaN where missing; or several
-                frames of the same points, shape (F, M, 3).
+                frames of the same points, shape (F, M, 3). Of a net: cable -> its points.
             times: of the frames [s], rising, shape (F,); the initial state is that of time 0. Its
                 velocities are those of lines through up to four frames, of parabolas through more;
                 one frame: at rest.
             coordinates: material coordinates of the points [m], rising, shape (M,); default: found
-                from the distances between the points.
+                from the distances between the points. Of a net: cable -> its coordinates.
 
         Raises:
             TypeError: not numbers. ValueError: another shape, fewer than two points, points that
@@ -602,8 +602,7 @@ class Simulator(Running):
                 or coordinates that are beyond the cable or not simulated.
         """
         self.check_may_stretch("start_from_points")
-        given = points, times, coordinates
-        place, rates = cable_through(self.scene, self.ends, self.geometries, self.model, *given)
+        place, rates = cable_through(self.ends, self.model, points, times, coordinates)
         twist = self.control_points[:, 3:]
         self.begin(np.hstack([place, twist]), np.hstack([rates, np.zeros_like(twist)]))
 

@@ -14,14 +14,16 @@ for 1e-9 to 1e-5). LENGTH keeps a stiff cable from starting under tension.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline, quadrature
 from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.drawn_strands import with_bodies
 from dlo_sim.simulation.ends import EndDrive
-from dlo_sim.simulation.geometry import Geometries
-from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.model import MAIN, Model, Part
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -37,6 +39,7 @@ PROJECTIONS = 5  # of the points onto the curve, to find their coordinates
 LEAST_APART = 1e-6  # [s] between frames; velocities of closer ones are noise
 WITHIN = 1e-6, 2.0  # of the length: bounds of the median distance of the points from their middle
 IN_PLANE = 1e-9  # of the length: distance from a plane that counts as round-off
+SHORT = 1e-6  # [s] over which bodies move
 QUADRATIC = 5  # number of frames from which the motion is a parabola instead of a line
 
 
@@ -49,7 +52,7 @@ class _Spline:
         length: rest length [m].
     """
 
-    def __init__(self, scene: Scene, ends: EndDrive, geometries: Geometries, knots: Array) -> None:
+    def __init__(self, held: tuple[Array, Array], knots: Array) -> None:
         self.knots, self.length = knots, float(knots[-1])
         breaks = bspline.breaks(knots)
         rule = quadrature.gauss(breaks, SAMPLES)
@@ -57,7 +60,7 @@ class _Spline:
         self._weights = rule.weights.ravel()
         basis = np.eye(len(knots) - bspline.DEGREE - 1)
         self._slopes, self._bends = (bspline.evaluate(basis, knots, u, order) for order in (1, 2))
-        rows, places = _held_rows(scene, ends, geometries, knots)
+        rows, places = held
         self.held = (np.linalg.pinv(rows) @ places).reshape(-1, 3)
         self.free = np.linalg.svd(rows)[2][np.linalg.matrix_rank(rows) :].T
 
@@ -129,17 +132,20 @@ class _Spline:
         return np.asarray(np.linalg.lstsq(left, right, rcond=None)[0].reshape(curve.shape))
 
 
-def _held_rows(
-    scene: Scene, ends: EndDrive, geometries: Geometries, knots: Array
-) -> tuple[Array, Array]:
-    """Constraint rows on the control points, shape (rows, 3 n), and their target values.
+def _held_rows(ends: EndDrive, model: Model, part: Part, root: Array | None) -> tuple[Array, Array]:
+    """Constraint rows on the control points of a strand, shape (rows, 3 n), and their target
+    values.
 
     Positions along fixed axes; for a clamp the components of r' normal to its tangent.
+
+    Args:
+        root: where it begins at another one [m].
     """
-    n = len(knots) - bspline.DEGREE - 1
+    n, knots, names = part.model.n, part.model.knots, list(model.scene.holders)
     rows, places = [np.zeros(3 * n)], [0.0]
-    for name, holder in scene.holders.items():
-        u = geometries[name].u
+    for number, holder in enumerate(part.model.scene.holders.values(), part.grasp):
+        name = names[number]
+        u = model.geometries[name].u
         if u is None:
             continue
         value, slope = (bspline.evaluate(np.eye(n), knots, np.array([u]), k)[0] for k in (0, 1))
@@ -150,31 +156,49 @@ def _held_rows(
             across = np.linalg.svd(ends.tangent(name, 0.0)[None])[2][1:]
             rows += [np.kron(slope, axis) for axis in across]
             places += [0.0, 0.0]
+    if root is not None:
+        rows += [np.kron(np.eye(n)[0], axis) for axis in np.eye(3)]
+        places += root.tolist()
     return np.array(rows), np.array(places)
 
 
 def cable_through(
-    scene: Scene,
     ends: EndDrive,
-    geometries: Geometries,
     model: Model,
-    points: ArrayLike,
+    points: ArrayLike | Mapping[str, ArrayLike],
     times: ArrayLike | None,
-    coordinates: ArrayLike | None,
+    coordinates: ArrayLike | Mapping[str, ArrayLike] | None,
 ) -> tuple[Array, Array]:
     """Control points [m], in the cable's coordinates, and velocities [m/s], each (n, 3), through
     points in the world; see `Simulator.start_from_points`.
     """
-    frames, stamps = _frames(points, times)
-    frames = frames - model.origin
-    spline = _Spline(scene, ends, geometries, model.knots)
-    curve, rates = _fitted(spline, scene, frames, stamps, coordinates)
-    across = [axis for axis in range(3) if axis not in model.axes]
-    plane = model.rest[across]
-    if not np.any(np.abs(frames[..., across] - plane) > IN_PLANE * spline.length):
-        # The distance of the solution from the plane is round-off.
-        curve[:, across], rates[:, across] = plane, 0.0
-    return curve, rates
+    names = {part.name for part in model.parts}
+    by_strand = points if isinstance(points, Mapping) else {MAIN: points}
+    known = coordinates if isinstance(coordinates, Mapping) else {MAIN: coordinates}
+    if set(by_strand) != names or not set(known) <= names:
+        cure = f"give points of each cable, {{'{MAIN}': (M, 3), ...}}"
+        raise ValueError(f"points: of {sorted(by_strand)}, for {sorted(names)}; {cure}")
+    curve, rates = np.zeros((model.n, 3)), np.zeros((model.n, 3))
+    for part in model.parts:
+        frames, stamps = _frames(by_strand[part.name], times)
+        root = None
+        for join in model.layout.joins if model.layout else ():
+            if (join.strand, join.u) == (part.name, 0.0):
+                other = next(one for one in model.parts if one.name == join.other)
+                root = bspline.evaluate(curve[other.here], other.model.knots, [join.at])[0]
+        spline = _Spline(_held_rows(ends, model, part, root), part.model.knots)
+        given = frames - model.origin, stamps, known.get(part.name)
+        curve[part.here], rates[part.here] = _fitted(spline, part.model.scene, *given)
+        across = [axis for axis in range(3) if axis not in model.axes]
+        plane = model.rest[across]
+        if not np.any(np.abs(given[0][..., across] - plane) > IN_PLANE * spline.length):
+            # The distance of the solution from the plane is round-off.
+            curve[part.here, across], rates[part.here, across] = plane, 0.0
+    if not model.bodies:
+        return curve, rates
+    turned, later = ends.orientation("start", 0.0), curve + SHORT * rates
+    bodies, moved = (with_bodies(model, one, turned) for one in (curve, later))
+    return bodies, (moved - bodies) / SHORT
 
 
 def _fitted(
