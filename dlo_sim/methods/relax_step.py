@@ -105,7 +105,8 @@ def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
             if cable.terms & BISHOP:
                 copy(x, state.reference)
         for k in range(cable.rows.springs if rolls else 0):
-            state.anchor[cable.rows.count + k] = anchors[k]
+            at = cable.rows.count + k
+            state.anchor[at] = state.anchor_counted[at] = anchors[k]
         if last <= converged * moved or last < exact:
             return iteration, moved
     return 0, 0.0
