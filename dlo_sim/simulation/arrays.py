@@ -31,6 +31,7 @@ def sizes_of(
     pieces: int,
     segments: int,
     field_values: int = 0,
+    strands: int = 1,
 ) -> dict[str, int]:
     """Sizes of all dimensions that `engine.arrays` names.
 
@@ -63,6 +64,7 @@ def sizes_of(
         "joints": holding.joints,
         "slides": len(holding.slides),
         "bordered": holding.border + holding.joints,
+        "strands": strands,
         "grasps": grasps,
         "loads": loads,
         "obstacles": obstacles,

@@ -18,18 +18,28 @@ MOST_BASES = 16  # sets of material coordinates whose basis values are kept
 
 
 class Curve:
-    """The curve of a cable in its present state.
+    """The curve of a strand in the present state of its cable.
 
     Attributes:
         greville: material coordinate [m] of each control point (Greville abscissa), shape (n_u,).
 
     Args:
-        tangent: of the cable at its start, in the frame of the end effector there.
+        tangent: of the strand at its start, in the frame of the end effector there.
+        knots: of the strand; default: of the whole cable. first: its first control point.
+        grasp: number of the end effector at its start; negative: none, the frame is the world's.
     """
 
-    def __init__(self, cable: Cable, tangent: Array) -> None:
-        self.greville = bspline.greville(cable.model.knots)
-        self._cable = cable
+    def __init__(
+        self,
+        cable: Cable,
+        tangent: Array,
+        knots: Array | None = None,
+        first: int = 0,
+        grasp: int = 0,
+    ) -> None:
+        self._knots = cable.model.knots if knots is None else knots
+        self.greville = bspline.greville(self._knots)
+        self._cable, self._first, self._grasp = cable, first, grasp
         self._axis = np.eye(3)[np.argmin(np.abs(tangent))]
         self._bases: dict[bytes, Basis] = {}
 
@@ -82,9 +92,9 @@ class Curve:
         """Points of the curve, or its `own` control points, and material frames, whose second axis
         at the start is fixed in the start's end effector, into out, shape (m, 7).
         """
-        model = self._cable.model
-        given = model.blank.copy(), *self._basis(u), time, self._axis, model.origin, own
-        self._cable.call(curve_frames, *given, out)
+        model, reference = self._cable.model, (time, self._grasp, self._axis)
+        given = model.blank.copy(), *self._basis(u), *reference, model.origin
+        self._cable.call(curve_frames, *given, self._first if own else -1, out)
 
     def _basis(self, u: Array) -> Basis:
         """Indices of the active control points, basis values and derivatives at u, each (m, 4);
@@ -93,10 +103,10 @@ class Curve:
         key = u.tobytes()
         table = self._bases.get(key)
         if table is None:
-            knots = self._cable.model.knots
-            first, values = bspline.active_basis(knots, u)
-            _, slopes = bspline.active_basis(knots, u, 1)
-            table = (first[:, None] + np.arange(bspline.ACTIVE), values, slopes)
+            first, values = bspline.active_basis(self._knots, u)
+            _, slopes = bspline.active_basis(self._knots, u, 1)
+            columns = self._first + first[:, None] + np.arange(bspline.ACTIVE)
+            table = (columns, values, slopes)
             if len(self._bases) >= MOST_BASES:
                 self._bases.clear()
             self._bases[key] = table

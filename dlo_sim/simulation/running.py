@@ -598,7 +598,7 @@ class Running:
 
     def lay_unslipped(self) -> None:
         """Lay the natural shape along the present shape."""
-        frames = self.curve.frames(self.natural.places, self.time)
+        frames = self.curve.frames(self.natural.places(), self.time)
         self.natural.lay(self.start_orientation, frames)
 
     @property
