@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 VOID = bspline.DEGREE  # knot spans between two branches
 HELD = bits.BORDERED | bits.SPRUNG  # terms of what holds a branch
 # Terms that follow the cable from one end to the other, or slide along it.
-ALONG = bits.BISHOP | bits.TORSION | bits.SLIDING | bits.SELF
+ALONG = bits.TORSION | bits.SLIDING | bits.SELF
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,8 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
 
     Raises:
         ValueError: branches of different lines, terms or samples, with terms that follow a cable
-            from one end to the other (twist against the Bishop frame, Frenet torsion, contact with
-            itself) or slide along it, or inextensible ones.
+            from one end to the other (Frenet torsion, contact with itself) or slide along it, or
+            inextensible ones.
     """
     first = models[0]
     for model in models:
@@ -66,8 +66,8 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
             raise ValueError("branches: need the same lines, terms, and samples in a span")
     if first.has(ALONG) or first.arrays.physics.keeps_length:
         raise ValueError(
-            "branches: twist against a frame, contact of the cable with itself, grasps that slide, "
-            "and inextensible cables are not available"
+            "branches: Frenet torsion, contact of the cable with itself, grasps that slide, and "
+            "inextensible cables are not available"
         )
     starts = np.cumsum([0, *(model.n for model in models)]).tolist()
     holding = _all_held(models, joints, starts)
@@ -84,6 +84,7 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
         pieces=first.arrays.contact.pieces + first.arrays.contact.guide_pieces,
         segments=first.arrays.sizes["segments"],
         field_values=first.arrays.sizes["field_values"],
+        strands=len(models),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
     model = Model(
@@ -130,10 +131,16 @@ def _fill_mesh(mesh: Mesh, parts: Sequence[CableArrays], starts: Sequence[int]) 
         if name == "branch":
             for k, (begin, end) in enumerate(zip(starts[:-1], starts[1:], strict=True)):
                 mesh.branch[begin:end] = k
+                mesh.strand[k] = begin, end
+            continue
+        if name == "strand":
             continue
         lanes = [from_blocks(getattr(p.mesh, name), p.n - bspline.DEGREE) for p in parts]
         # `slope` and the stiffnesses have no meaning on void spans, but are divided by.
-        void = {"padding": 1.0, "slope": 1.0, "axial": 1.0, "bending": 1.0}.get(name, 0.0)
+        stiff = {"axial": 1.0, "bending": 1.0, "torsional": 1.0}
+        void = ({"padding": 1.0, "slope": 1.0, "number": -1.0} | stiff).get(name, 0.0)
+        if name == "number":
+            lanes = [one + k for k, one in enumerate(lanes)]
         getattr(mesh, name)[:] = to_blocks(_with_voids(lanes, void), beyond=void)
 
 
@@ -150,13 +157,16 @@ def _fill_contact(arrays: CableArrays, models: Sequence[Model]) -> None:
     write_samples(contact, *map(_with_voids, zip(*parts, strict=True)))
 
 
+_BY_POINT = "mass", "factors", "damping", "twist", "weight", "frame_factors", "greville"
+
+
 def _fill_lines(arrays: CableArrays, parts: Sequence[CableArrays], starts: Sequence[int]) -> None:
     """Matrices and vectors by control point: those of the branches, block by block."""
     linear = arrays.linear
     linear.decay[:] = parts[0].linear.decay
     for part, begin in zip(parts, starts, strict=False):
         here = slice(begin, begin + part.n)
-        for name in ("mass", "factors", "damping", "twist", "weight"):
+        for name in _BY_POINT:
             into, of = getattr(linear, name), getattr(part.linear, name)
             if of.size:
                 without_margins(into, arrays.n)[..., here] = without_margins(of, part.n)

@@ -5,7 +5,9 @@ twist angle theta where there is twist. Control point i is column MARGIN + i, an
 sides let whole vectors be loaded there. A *block* is LANES neighbouring knot spans, the lanes of a
 vector. A *row* is one scalar equality constraint by which a grasp prescribes the cable, or two
 branches stay together (`engine.rows`); border rows, at places between control points, are the last
-rigid ones. Band matrices go over all unknowns, control point i and line d at i lines + d; entry
+rigid ones. A *strand* is one spline; the control points of several follow each other, and knot
+spans that belong to none are *void*: without length, samples or stiffness, as the lanes beyond the
+last span. Band matrices go over all unknowns, control point i and line d at i lines + d; entry
 (r, c) is at [r, c - r + 4 lines - 1].
 """
 
@@ -91,16 +93,19 @@ class Mesh(Group):
     linear = Lanes("blocks")  # 3 where the strain of a span has a linear part, else 0
     axial = Lanes("blocks")  # EA [N], of a cable of constant length the penalty factor
     bending = Lanes("blocks")  # EI [N m^2]
+    torsional = Lanes("blocks")  # GJ [N m^2]
     guard = Lanes("blocks", 2)  # h EA_g k and h EA_g k_c of `engine.span_guard` [N m]
     xi = Lanes("blocks", "samples")  # local coordinate, -1 to 1
     weight = Lanes("blocks", "samples")  # of the quadrature [m]
-    branch = Wholes("n")  # of each control point
+    branch = Wholes("n")  # strand of each control point
+    strand = Wholes("strands", 2)  # its first control point, and the one behind its last
+    number = Lanes("blocks")  # of the strand of a span, -1 of void ones
 
 
 class Physics(Group):
     """Constants of the cable and its surroundings."""
 
-    GJ = Number()  # [N m^2]
+    GJ = Number()  # of the first strand [N m^2]
     torsion_floor = Number()  # squared curvature floor [1/m^2]
     yield_moment = Number()  # [N m]
     hardening = Number()  # H / EI
@@ -132,8 +137,8 @@ class Linear(Group):
     factors = Reals(2, 7, "columns")  # of M: L[k, k-3 .. k-1], 1 / D, L[k+1 .. k+3, k]
     damping = Reals(2, 7, "columns")  # C of the linear damping
     twist = Reals(7, "twist_columns")  # GJ integral b' b'
-    frame_factors = Reals(7, "bishop_columns")  # of integral b' b', first control point fixed
-    greville = Reals("bishop_columns")  # Greville abscissae as shares of the length
+    frame_factors = Reals(7, "bishop_columns")  # of integral b' b', first of a strand fixed
+    greville = Reals("bishop_columns")  # Greville abscissae as shares of a strand
     weight = Reals("dim", "columns")  # generalised weight [N]
     decay = Reals("lines")  # rate of the external damping [1/s]
 

@@ -16,9 +16,9 @@ Within a step, the frame to which theta refers rotates with each tangent by the 
 from its direction at the end of the last step (`state.reference`), and so has a twist rate tau
 along the cable. At the end of the step `follow_shape` makes the frame rotation-minimising again:
 theta += psi with the spline psi whose derivative fits tau best (least squares), corrected to the
-exact integral of tau at the end of the cable (`cable_turned`). The rest of tau is a discretisation
+exact integral of tau at the end of the cable (`strand_turned`). The rest of tau is a discretisation
 error, which would accumulate with every turn of the cable; it is dropped, and its energy counts as
-dissipated.
+dissipated. All of this goes along each strand from its own start.
 
 The angle that a gripper prescribes counts in the same frame (`engine.grasps`): the tangent at a
 clamp at the end of a step is the gripper's direction, so it is known within the step. A roll spring
@@ -31,7 +31,7 @@ import numpy as np
 from numba import boolean, float64, void
 
 from dlo_sim.compiling.kernels import inline, kernel
-from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, zero
+from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, where, zero
 from dlo_sim.engine.arrays import (
     BISHOP,
     CABLE,
@@ -56,7 +56,9 @@ from dlo_sim.engine.lines import copy, solve_line
 from dlo_sim.engine.natural_curvature import follow_natural, rest_twist_at
 from dlo_sim.engine.spans import (
     add_sample,
+    belongs,
     bending_at,
+    blocks_of,
     coefficients,
     curve,
     scatter,
@@ -116,7 +118,7 @@ def step_force(cable, x0, x1, viscous, discrete, out):
         angle0, angle1 = twist_rate(cable, x0, b), twist_rate(cable, end, b)
         g0 = g1 = g2 = turned = (zero(), zero(), zero())
         for j in range(cable.samples):
-            xi, w = mesh.xi[b, j], cable.physics.GJ * mesh.weight[b, j]
+            xi, w = mesh.xi[b, j], mesh.torsional[b] * mesh.weight[b, j]
             t0, k0 = tangent_at(p, xi), bending_at(p, xi, s)
             t1, k1 = tangent_at(q, xi), bending_at(q, xi, s)
             change, gradient = tau_between(t0, k0, t1, k1)
@@ -148,7 +150,7 @@ def force(cable, _, x, out):
         r, p = curve(cable, cable.state.reference, b, 1.0), curve(cable, x, b, 1.0)
         g0 = g1 = g2 = turned = (zero(), zero(), zero())
         for j in range(cable.samples):
-            xi, w = mesh.xi[b, j], cable.physics.GJ * mesh.weight[b, j]
+            xi, w = mesh.xi[b, j], mesh.torsional[b] * mesh.weight[b, j]
             t, k = tangent_at(p, xi), bending_at(p, xi, s)
             rate = tau_at(r, p, xi, s) - rest_twist_at(cable, b, j)
             moment, g = w * (rate + polynomial(angle, xi)), tau_between(t, k, t, k)[1]
@@ -169,7 +171,7 @@ def energy(cable, x, out):
         s, angle = mesh.slope[b], twist_rate(cable, x, b)
         r, p = curve(cable, cable.state.reference, b, 1.0), curve(cable, x, b, 1.0)
         for j in range(cable.samples):
-            xi, w = mesh.xi[b, j], cable.physics.GJ * mesh.weight[b, j]
+            xi, w = mesh.xi[b, j], mesh.torsional[b] * mesh.weight[b, j]
             rate = tau_at(r, p, xi, s) - rest_twist_at(cable, b, j)
             rate += polynomial(angle, xi)
             sum_ += 0.5 * w * rate * rate
@@ -178,15 +180,18 @@ def energy(cable, x, out):
 
 @inline
 def squares_lost(cable, x, rates, psi):
-    """Integral of (theta' + tau - rest)^2 - (theta' + psi' - rest)^2 [1/m], tau from `rates`."""
+    """Integral of (theta' + tau - rest)^2 - (theta' + psi' - rest)^2 [1/m], tau from `rates`, with
+    the torsional stiffness in that of the first strand.
+    """
     mesh, sum_ = cable.mesh, zero()
     for b in range(cable.blocks):
         angle, own = twist_rate(cable, x, b), coefficients(mesh, b, psi)
+        share = mesh.torsional[b] / cable.physics.GJ
         for j in range(cable.samples):
             xi = mesh.xi[b, j]
             old, new = rates[b, j], polynomial(own, xi)
             theta = polynomial(angle, xi) - rest_twist_at(cable, b, j)
-            sum_ += mesh.weight[b, j] * (old - new) * (2.0 * theta + old + new)
+            sum_ += share * mesh.weight[b, j] * (old - new) * (2.0 * theta + old + new)
     return lane_sum(sum_)
 
 
@@ -233,20 +238,20 @@ def twice_angle(whole, guess):
 
 @inline
 def turn_by_arcs(cable, x, m, r, last, end, arcs, guess):
-    """Integral of tau up to the local coordinate `end` of span `last`: the angle by which the
-    director of the grasp (`director_at`), transported along the cable and then in time, leads that
-    transported in time and then along the cable, with `arcs` chords per span.
+    """Integral of tau up to the local coordinate `end` of span `last` from the start of its strand:
+    the angle by which the director of the grasp (`director_at`), transported along the strand and
+    then in time, leads that transported in time and then along it, with `arcs` chords per span.
 
     The chord error depends on the shapes alone and does not accumulate. Of the angle, known up to
     whole turns, the value closest to `guess` is returned.
     """
-    reference = cable.state.reference
-    old, new = span_tangent(cable, reference, 0, -1.0), span_tangent(cable, x, 0, -1.0)
+    reference, first = cable.state.reference, cable.mesh.strand[cable.mesh.branch[last], 0]
+    old, new = span_tangent(cable, reference, first, -1.0), span_tangent(cable, x, first, -1.0)
     before = director_at(m, r, old)
     after = carried(old, new, before)
-    for arc in range(arcs * (last + 1)):
+    for arc in range(arcs * (last + 1 - first)):
         older, newer = old, new
-        span = arc // arcs
+        span = first + arc // arcs
         length = end + 1.0 if span == last else 2.0
         xi = length * (arc % arcs + 1) / arcs - 1.0
         old, new = span_tangent(cable, reference, span, xi), span_tangent(cable, x, span, xi)
@@ -265,6 +270,12 @@ def strip(a, b, c, d):
 
 
 @inline
+def only(here, turn):
+    """Cosine and sine of an angle where `here` is above 0, else of none."""
+    return where(here, turn[0], 1.0), where(here, turn[1], 0.0)
+
+
+@inline
 def angle_of(strips, guess):
     """Twice the sum of the angles whose cosines and sines are in the lanes of `strips`, as
     `twice_angle`.
@@ -276,19 +287,21 @@ def angle_of(strips, guess):
 
 
 @inline
-def cable_turned(cable, x, guess):
-    """Integral of tau up to the end of the cable, as `turn_by_arcs`, eight spans at a time:
+def strand_turned(cable, number, x, guess):
+    """Integral of tau up to the end of a strand, as `turn_by_arcs`, eight spans at a time:
     Richardson extrapolation of one and of two chords per span.
     """
     coarse = fine = (zero() + 1.0, zero())
-    for b in range(cable.blocks):
+    begin, end = blocks_of(cable, number)
+    for b in range(begin, end):
         p, q = curve(cable, cable.state.reference, b, 1.0), curve(cable, x, b, 1.0)
         begin0, begin1 = unit(tangent_at(p, -1.0)), unit(tangent_at(q, -1.0))
         middle0, middle1 = unit(tangent_at(p, 0.0)), unit(tangent_at(q, 0.0))
         end0, end1 = unit(tangent_at(p, 1.0)), unit(tangent_at(q, 1.0))
-        coarse = joined(coarse, strip(begin0, end0, begin1, end1))
-        fine = joined(fine, strip(begin0, middle0, begin1, middle1))
-        fine = joined(fine, strip(middle0, end0, middle1, end1))
+        here = belongs(cable, b, number)
+        coarse = joined(coarse, only(here, strip(begin0, end0, begin1, end1)))
+        fine = joined(fine, only(here, strip(begin0, middle0, begin1, middle1)))
+        fine = joined(fine, only(here, strip(middle0, end0, middle1, end1)))
     return (4.0 * angle_of(fine, guess) - angle_of(coarse, guess)) / 3.0
 
 
@@ -342,12 +355,16 @@ def follow_shape(cable, t):
             rates[b, j] = rate
             turned = add_polynomial(turned, mesh.weight[b, j] * rate, xi)
         scatter(mesh, b, turned, 1.0, psi)
-    psi[MARGIN] = 0.0
+    strands = len(mesh.strand)
+    for number in range(strands):
+        psi[MARGIN + mesh.strand[number, 0]] = 0.0
     solve_line(cable.linear.frame_factors, n, psi)
-    last = psi[MARGIN + n - 1]
-    missing = cable_turned(cable, x, last) - last
-    for at in range(MARGIN, MARGIN + n):
-        psi[at] += cable.linear.greville[at] * missing
+    for number in range(strands):
+        begin, end = MARGIN + mesh.strand[number, 0], MARGIN + mesh.strand[number, 1]
+        last = psi[end - 1]
+        missing = strand_turned(cable, number, x, last) - last
+        for at in range(begin, end):
+            psi[at] += cable.linear.greville[at] * missing
     lost = squares_lost(cable, x, rates, psi)
     state.balance.dissipated += 0.5 * cable.physics.GJ * lost
     for at in range(MARGIN, MARGIN + n):

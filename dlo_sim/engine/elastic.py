@@ -528,7 +528,7 @@ def factor_twist(cable, b, twist):
         t, k = three(f[j], T), three(f[j], K)
         square, moment, bent = 1.0 / dot(t, t), cable.work.moment[b, j], cross(t, k)
         cube = square * sqrt(square)
-        stiff, g = twist * cable.physics.GJ * mesh.weight[b, j], combined(cube, bent, 0.0, bent)
+        stiff, g = twist * mesh.torsional[b] * mesh.weight[b, j], combined(cube, bent, 0.0, bent)
         f[j, KAPPA] = stiff
         store_three(f[j], G, g)
         store_three(f[j], XG, combined(stiff, g, -1.5 * moment * square, t))

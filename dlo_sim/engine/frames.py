@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import boolean, float64, int64, void
+from numba import float64, int64, void
 
 from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, STRIDED, STRIDED_WHOLES, inline, kernel
 from dlo_sim.engine.arrays import MARGIN, cable_at
@@ -93,23 +93,25 @@ def control_points(address, out):
 
 @kernel(
     *(void, int64, ARRAY_2D, STRIDED_WHOLES, STRIDED, STRIDED),
-    *(float64, ARRAY, ARRAY, boolean, ARRAY_2D),
+    *(float64, int64, ARRAY, ARRAY, int64, ARRAY_2D),
 )
-def curve_frames(address, points, columns, values, slopes, t, direction, origin, own, out):
-    """`transport`, with a reference that has this direction in the frame of the start's end
-    effector at time t.
+def curve_frames(address, points, columns, values, slopes, t, grasp, direction, origin, own, out):
+    """`transport`, with a reference that has this direction in the frame of the end effector of a
+    grasp at time t, or in the world if `grasp` is negative.
 
     Args:
-        points: for `write_points`. origin: added to the points in `out`. own: whether these are the
-            control points, as many as samples, instead of points of the curve.
+        points: for `write_points`. origin: added to the points in `out`. own: -1, or in place of
+            points of the curve, as many control points as samples, from this one on.
     """
     cable = cable_at(address)
     write_points(cable, points)
-    reference = turned(cable.inputs.motion[0], t, direction[0], direction[1], direction[2])
+    reference = direction[0], direction[1], direction[2]
+    if grasp >= 0:
+        reference = turned(cable.inputs.motion[grasp], t, *reference)
     transport(points, columns, values, slopes, reference, out)
     for i in range(out.shape[0]):
         for axis in range(3):
-            out[i, axis] = (points[i, axis] if own else out[i, axis]) + origin[axis]
+            out[i, axis] = (points[own + i, axis] if own >= 0 else out[i, axis]) + origin[axis]
 
 
 @inline

@@ -76,6 +76,20 @@ def bending_at(p, xi, slope):
 
 
 @inline
+def blocks_of(cable, number):
+    """First block with spans of a strand, and the one behind the last."""
+    begin, end = cable.mesh.strand[number, 0], cable.mesh.strand[number, 1]
+    return begin // LANES, (end - 4) // LANES + 1
+
+
+@inline
+def belongs(cable, b, number):
+    """Above 0 on the spans of a block that are of a strand."""
+    apart = cable.mesh.number[b] - number
+    return 0.5 - apart * apart
+
+
+@inline
 def three(row, k):
     """Three successive entries as a vector."""
     return row[k], row[k + 1], row[k + 2]

@@ -68,7 +68,7 @@ def force(cable, _, x, out):
         third, f = third_derivative(p, s), 2.0 * s * s
         g0 = g1 = g2 = turn = (zero(), zero(), zero())
         for j in range(cable.samples):
-            xi, w = mesh.xi[b, j], cable.physics.GJ * mesh.weight[b, j]
+            xi, w = mesh.xi[b, j], mesh.torsional[b] * mesh.weight[b, j]
             rate = angle[0] + xi * (angle[1] + xi * angle[2])
             on_t, on_k, on_third, on_rate = density_gradient(
                 w, floor, tangent_at(p, xi), bending_at(p, xi, s), third, rate
@@ -93,7 +93,7 @@ def energy(cable, x, out):
         p, angle = curve(cable, x, b, 1.0), twist_rate(cable, x, b)
         third = third_derivative(p, s)
         for j in range(cable.samples):
-            xi, w = mesh.xi[b, j], cable.physics.GJ * mesh.weight[b, j]
+            xi, w = mesh.xi[b, j], mesh.torsional[b] * mesh.weight[b, j]
             rate = angle[0] + xi * (angle[1] + xi * angle[2])
             gamma = torsion_of(floor, tangent_at(p, xi), bending_at(p, xi, s), third)[0]
             twisting += 0.5 * w * rate * rate

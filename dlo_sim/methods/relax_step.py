@@ -16,7 +16,7 @@ from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, NO, YES, inline, kernel
-from dlo_sim.compiling.lanes import zero
+from dlo_sim.compiling.lanes import where, zero
 from dlo_sim.engine.arrays import (
     BETWEEN,
     BISHOP,
@@ -47,7 +47,15 @@ from dlo_sim.engine.bishop import follow_shape, tau_between
 from dlo_sim.engine.lines import add_product, clear, copy
 from dlo_sim.engine.loads import add_load_stiffness, load_force
 from dlo_sim.engine.natural_curvature import follow_natural
-from dlo_sim.engine.spans import add_sample, bending_at, curve, scatter_lines, tangent_at
+from dlo_sim.engine.spans import (
+    add_sample,
+    belongs,
+    bending_at,
+    blocks_of,
+    curve,
+    scatter_lines,
+    tangent_at,
+)
 from dlo_sim.engine.tension import predict_tension
 from dlo_sim.methods.between_steps import set_stiffness
 
@@ -105,7 +113,8 @@ def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
             if cable.terms & BISHOP:
                 copy(x, state.reference)
         for k in range(cable.rows.springs if rolls else 0):
-            state.anchor[cable.rows.count + k] = anchors[k]
+            at = cable.rows.count + k
+            state.anchor[at] = state.anchor_counted[at] = anchors[k]
         if last <= converged * moved or last < exact:
             return iteration, moved
     return 0, 0.0
@@ -279,15 +288,16 @@ def turn_held(cable, begun):
 @inline
 def turn_of_frame(cable, own, out):
     """out = derivative of the angle of the Bishop frame at an end, control point `own`, by the
-    shape: integral of G (`engine.bishop`) from the start of the cable.
+    shape: integral of G (`engine.bishop`) from the start of its strand.
     """
-    mesh = cable.mesh
+    mesh, number = cable.mesh, cable.mesh.branch[own]
+    begin, end = blocks_of(cable, number)
     clear(out)
-    for b in range(cable.blocks if own > 0 else 0):
-        p, s = curve(cable, cable.state.x, b, 1.0), mesh.slope[b]
+    for b in range(begin, end if own > mesh.strand[number, 0] else begin):
+        p, s, here = curve(cable, cable.state.x, b, 1.0), mesh.slope[b], belongs(cable, b, number)
         g0 = g1 = g2 = (zero(), zero(), zero())
         for j in range(cable.samples):
-            xi, w = mesh.xi[b, j], mesh.weight[b, j]
+            xi, w = mesh.xi[b, j], where(here, mesh.weight[b, j], 0.0)
             t, k = tangent_at(p, xi), bending_at(p, xi, s)
             g = tau_between(t, k, t, k)[1]
             g0 = add_sample(g0, w * g[0], zero(), xi)

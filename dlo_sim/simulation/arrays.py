@@ -32,6 +32,7 @@ def sizes_of(
     segments: int,
     field_values: int = 0,
     bodies: int = 0,
+    strands: int = 1,
 ) -> dict[str, int]:
     """Sizes of all dimensions that `engine.arrays` names.
 
@@ -65,6 +66,7 @@ def sizes_of(
         "slides": len(holding.slides),
         "bodies": bodies,
         "bordered": holding.border + holding.joints,
+        "strands": strands,
         "grasps": grasps,
         "loads": loads,
         "obstacles": obstacles,

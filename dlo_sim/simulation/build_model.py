@@ -275,6 +275,9 @@ class _Filling:
         guarding = guard_stiffness(*stiffness, lengths, _weight(scene), _by_span(scene))
         mesh.guard[:] = to_blocks(guarding)
         mesh.bending[:] = to_blocks(model.bending_stiffness, beyond=cable.EI)
+        mesh.torsional[:] = cable.GJ
+        mesh.strand[0] = 0, model.n
+        mesh.number[:] = to_blocks(np.zeros(spans), beyond=-1.0)
         mesh.xi[:] = to_blocks(model.rule.xi)
         mesh.weight[:] = to_blocks(model.rule.weights)
 

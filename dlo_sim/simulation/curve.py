@@ -13,6 +13,7 @@ from dlo_sim.engine.frames import curve_frames
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import NEAREST, Geometry
 from dlo_sim.simulation.model import Part
+from dlo_sim.simulation.net import Body
 
 Array = NDArray[np.float64]
 Basis = tuple[NDArray[np.int64], Array, Array]
@@ -119,11 +120,18 @@ class Curve:
 
     def _write(self, u: Array, time: float, own: bool, out: Array) -> None:
         """Points of the curve, or its `own` control points, and material frames, whose second axis
-        at the start is fixed in the start's end effector, into out, shape (m, 7).
+        at the start is fixed in what holds the start, into out, shape (m, 7).
         """
-        model = self._cable.model
-        given = model.blank.copy(), *self._basis(u), time, self._axis, model.origin, own
-        self._cable.call(curve_frames, *given, out)
+        model, part = self._cable.model, self._part
+        body = next((one for one in model.bodies if (one.strand, one.u) == (part.name, 0.0)), None)
+        grasp, axis = (part.grasp, self._axis) if body is None else (-1, self._side_of(body))
+        given = model.blank.copy(), *self._basis(u), time, grasp, axis, model.origin
+        self._cable.call(curve_frames, *given, part.first if own else -1, out)
+
+    def _side_of(self, body: Body) -> Array:
+        """Director e2 of a body, in the world."""
+        points = self._cable.points[:, :3]
+        return np.asarray((points[body.points[2]] - points[body.points[0]]) / body.length)
 
     def _basis(self, u: Array) -> Basis:
         """Indices of the active control points, basis values and derivatives at u, each (m, 4);

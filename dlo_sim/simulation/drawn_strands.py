@@ -147,14 +147,14 @@ def first_points(model: Model) -> Array:
     return with_bodies(model, points, model.geometries["start"].orientation)
 
 
-def with_bodies(model: Model, points: Array, orientation: Array) -> Array:
-    """Control points (n, 3) with those of the bodies where the strands have them: a branch leaves
-    its parent at the angle at which it is drawn, as it is turned about the line of its own.
+def frames_of(model: Model, points: Array, orientation: Array) -> dict[str, Array]:
+    """Frame in which each strand begins at control points (n, 3), as columns, x along it: a branch
+    leaves its parent at the angle at which it is drawn, turned about the line of its own.
 
     Args:
         orientation: of the end effector at the start of the main cable.
     """
-    out, frames = points.copy(), dict[str, Array]()
+    frames = dict[str, Array]()
     for part in model.parts:
         tangent = _tangent(part, points, 0.0)
         frames[part.name] = _swung(rotations.to_matrix(orientation) @ part.drawn, tangent)
@@ -163,6 +163,14 @@ def with_bodies(model: Model, points: Array, orientation: Array) -> Array:
             if join.strand == part.name and join.u == 0.0 and not join.in_line:
                 across = _tangent(other, points, join.at)
                 frames[part.name] = _turned(part.drawn, other.drawn[:, 0], tangent, across)
+    return frames
+
+
+def with_bodies(model: Model, points: Array, orientation: Array) -> Array:
+    """Control points (n, 3) with those of the bodies where the strands have them, in `frames_of`
+    carried along.
+    """
+    out, frames = points.copy(), frames_of(model, points, orientation)
     for body in model.bodies:
         part = next(one for one in model.parts if one.name == body.strand)
         frame = frames[part.name]

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 LIGHT = 1e-3  # of a third of a span: mass of a body that has none of its own
 RIGID = 100.0  # stiffness of a body, in the axial stiffness of a cable as long as its directors
 # What the lanes of void spans have where they are divided by.
-VOID = {"padding": 1.0, "slope": 1.0, "axial": 1.0, "bending": 1.0}
+VOID = {"padding": 1.0, "slope": 1.0, "axial": 1.0, "bending": 1.0, "torsional": 1.0}
 
 
 def joined(
@@ -57,6 +57,7 @@ def joined(
         segments=first.arrays.sizes["segments"],
         field_values=first.arrays.sizes["field_values"],
         bodies=len(layout.bodies),
+        strands=len(parts),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
     model = Model(
@@ -126,7 +127,7 @@ class _Joining:
     def _mesh(self) -> None:
         mesh = self._arrays.mesh
         for name in mesh.fields:
-            if name == "branch":
+            if name in ("branch", "strand"):
                 continue
             void = VOID.get(name, 0.0)
             lanes = [
@@ -134,8 +135,11 @@ class _Joining:
             ]
             getattr(mesh, name)[:] = to_blocks(self._layout.by_span(lanes, void), beyond=void)
         mesh.branch[:] = len(self._parts)
+        numbers = [np.full(one.n - bspline.DEGREE, float(k)) for k, one in enumerate(self._each)]
+        mesh.number[:] = to_blocks(self._layout.by_span(numbers, -1.0), beyond=-1.0)
         for number, part in enumerate(self._parts):
             mesh.branch[part.here] = number
+            mesh.strand[number] = part.here.start, part.here.stop
 
     def _contact(self) -> None:
         """The obstacles, which are those of every strand, and the samples of all."""

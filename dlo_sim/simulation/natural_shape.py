@@ -3,7 +3,8 @@
 The natural shape of a scene is rows of the curvature vector [1/m] (3) and the twist [rad/m] at the
 samples of its model, shape (spans, samples, 4), in the frame of the start's end effector. Where
 twist acts on the shape it follows the material frames along the cable; else it turns with the
-start's end effector as a whole.
+start's end effector as a whole. Of several strands each has rows in a frame at its own start; as a
+whole they turn with the start of the first one.
 """
 
 from __future__ import annotations
@@ -44,12 +45,18 @@ class NaturalShape:
 
     def __init__(self, cable: Cable, orientation: Array) -> None:
         self._cable, model = cable, cable.model
+        self._parts = model.parts
         self._rows = np.zeros((*model.rule.xi.shape, 4))
         self._turning: Array | None = None  # rows that turn with the start, as `turn_natural` wants
         self.follows = model.has(MATERIAL) or model.has(PLASTICITY)
-        if not (model.has(CURVED) and model.scene.cable.shaped):
+        shaped = [part for part in self._parts if part.model.scene.cable.shaped]
+        if not (model.has(CURVED) and shaped):
             return
-        self._rows = natural_rows(model, model.geometries["start"].tangent)
+        for part in shaped:
+            tangent = part.model.geometries["start"].tangent
+            if model.layout is not None:
+                tangent = part.drawn[:, 0]
+            self._rows[part.spans] = natural_rows(part.model, tangent)
         if not model.has(MATERIAL):
             rows = weighted(model, self._rows)
             self._turning = to_blocks(rows)
@@ -77,25 +84,30 @@ class NaturalShape:
         turns = np.array([local_turn(one, self._cable.model.axes) for one in frames])
         return self._turning, turns.reshape(-1, 9)
 
-    @property
-    def places(self) -> Array:
-        """Material coordinates [m] whose material frames `lay` needs: the start and the samples."""
-        model = self._cable.model
+    def places(self, strand: int = 0) -> Array:
+        """Material coordinates [m] of a strand whose material frames `lay` needs: the start and the
+        samples.
+        """
+        model = self._parts[strand].model
         return np.append(0.0, model.sample_shares.ravel() * model.knots[-1])
 
-    def lay(self, orientation: Array, frames: Array) -> None:
+    def lay(self, orientation: Array, frames: Array, *others: tuple[Array, Array]) -> None:
         """Lay it along the present shape, without plastic flow yet.
 
         Args:
             orientation: of the start's end effector. frames: at `places`, quaternions (m, 4).
+            others: both for each further strand, an orientation in whose frame are its rows.
         """
         cable, model = self._cable, self._cable.model
-        samples = frames[1:].reshape(*model.rule.xi.shape, 4)
+        rows = turned_rows(self._rows, self._turn(orientation))
+        samples = np.tile([0.0, 0.0, 0.0, 1.0], (*model.rule.xi.shape, 1))
+        strands = zip(self._parts, ((orientation, frames), *others), strict=True)
+        for here, (start, own) in ((part.spans, given) for part, given in strands):
+            samples[here] = own[1:].reshape(samples[here].shape)
+            if model.has(MATERIAL):
+                rows[here] = rows_in_frames(self._rows[here], start, own[0], samples[here])
         if model.has(MATERIAL):
-            rows = rows_in_frames(self._rows, orientation, frames[0], samples)
             cable.natural = weighted(model, rows)
-        else:
-            rows = turned_rows(self._rows, self._turn(orientation))
         if model.has(PLASTICITY):
             tangents = rotations.rotate(samples.reshape(-1, 4), np.array([1.0, 0.0, 0.0]))
             cable.plastic = unslipped(model, rows, tangents.reshape(*rows.shape[:2], 3))
@@ -105,8 +117,8 @@ class NaturalShape:
         """Whether `Cable.take_over_samples` takes over the natural shape from the other one."""
         both = self, other
         terms = {one._cable.terms & (MATERIAL | PLASTICITY) for one in both}
-        cables = (one._cable.model.scene.cable for one in both)
-        shapes = {(cable.natural_shape, cable.rest_curvature_axis) for cable in cables}
+        cables = ([part.model.scene.cable for part in one._parts] for one in both)
+        shapes = {tuple((c.natural_shape, c.rest_curvature_axis) for c in of) for of in cables}
         shares = [one._cable.model.elastic_share for one in both]
         same = len(terms) == len(shapes) == 1
         return same and (min(shares) > 0.0 or max(shares) == 0.0)

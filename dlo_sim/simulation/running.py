@@ -16,7 +16,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import arguments
+from dlo_sim.core import arguments, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.engine.arrays import ENERGIES, MATERIAL, SLIDING
@@ -27,9 +27,10 @@ from dlo_sim.simulation import bodies, obstacles, self_contact
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.curve import Curve
+from dlo_sim.simulation.drawn_strands import frames_of
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import Geometries, Geometry
-from dlo_sim.simulation.model import MAIN, Model
+from dlo_sim.simulation.model import MAIN, Model, Part
 from dlo_sim.simulation.natural_shape import NaturalShape
 from dlo_sim.simulation.report import Energy
 from dlo_sim.simulation.resolution import Shortfall
@@ -617,8 +618,21 @@ class Running:
 
     def lay_unslipped(self) -> None:
         """Lay the natural shape along the present shape."""
-        frames = self.curve.frames(self.natural.places, self.time)
-        self.natural.lay(self.start_orientation, frames)
+        laid = [
+            (self._orientation_of(part), curve.frames(self.natural.places(number), self.time))
+            for number, (part, curve) in enumerate(
+                zip(self.model.parts, self.curves.values(), strict=True)
+            )
+        ]
+        self.natural.lay(*laid[0], *laid[1:])
+
+    def _orientation_of(self, part: Part) -> Array:
+        """Quaternion of the start's end effector, carried to the start of another strand."""
+        if part.name == MAIN:
+            return self.start_orientation
+        points = self.cable.points[:, :3]
+        frames = frames_of(self.model, points, self.start_orientation)
+        return rotations.from_matrix(frames[part.name] @ part.drawn.T)
 
     @property
     def start_orientation(self) -> Array:

@@ -3,12 +3,16 @@
 import numpy as np
 import pytest
 from branches import Joint, joined
-from cables import scene_of, solve_held
+from cables import move, scene_of, solve_held
 
 from dlo_sim.core import bspline
 from dlo_sim.core.methods import METHODS
+from dlo_sim.engine.arrays import CURVED
 from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.curve import Curve
+from dlo_sim.simulation.natural_shape import NaturalShape
 from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.simulation.statics import _Search
 from dlo_sim.simulation.stepper import Stepper
 
 WIRE = {
@@ -28,16 +32,37 @@ WIRE = {
 class Branched:
     """Branches, each first placed as a cable of its own, on one set of arrays."""
 
-    def __init__(self, scenes, joints, method="energy_momentum", step=1e-3):
+    def __init__(self, scenes, joints, method="energy_momentum", step=1e-3, driven=()):
         self.parts = [Simulator(scene) for scene in scenes]
+        for part, drive in zip(self.parts, driven, strict=False):
+            drive(part)
         self.cable = Cable(joined([part.model for part in self.parts], joints))
         self.stepper = Stepper(self.cable, METHODS[method], step)
         self.cable.motion[:] = np.concatenate([part.cable.motion for part in self.parts])
         loads = [part.cable.loads for part in self.parts]
         self.cable.loads[:] = np.concatenate(loads)
+        self.cable.pull(0.0)
         self.cable.point_grasps(0.0)
-        self.steps = 0
+        frames = [part.cable.arrays.state.frame for part in self.parts]
+        self.cable.arrays.state.frame[:] = np.concatenate(frames)
+        self.steps, self.curves = 0, []
         self.put(np.concatenate([part.cable.points for part in self.parts]))
+        if self.cable.model.has(CURVED):
+            self.lay_natural_shape()
+
+    def lay_natural_shape(self):
+        begun = np.cumsum([0, *(part.model.n for part in self.parts)])[:-1]
+        grasps = np.cumsum([0, *(len(part.cable.motion) for part in self.parts)])[:-1]
+        strands = [(part.model, int(first)) for part, first in zip(self.parts, begun, strict=True)]
+        starts = [part.start_orientation for part in self.parts]
+        natural = NaturalShape(self.cable, starts[0], strands)
+        laid = []
+        for k, (model, first) in enumerate(strands):
+            tangent = model.geometries["start"].tangent
+            self.curves.append(Curve(self.cable, tangent, model.knots, first, int(grasps[k])))
+            laid.append((starts[k], self.curves[k].frames(natural.places(k), 0.0)))
+        natural.lay(*laid[0], *laid[1:])
+        self.cable.open_account()
 
     def put(self, points, rates=None):
         self.cable.put(points, np.zeros_like(points) if rates is None else rates)
@@ -189,6 +214,110 @@ def test_the_system_of_joined_branches_is_that_of_dense_algebra(stiffness, trans
     free = np.linalg.svd(rows)[2][len(rows) :].T
     expected = free @ np.linalg.solve(free.T @ full @ free, free.T @ right)
     assert np.abs(got - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+TWISTED = {
+    "terms.twist": "bishop",
+    "start.clamped": True,
+    "end.fixed": [True] * 3,
+    "damping.stiffness": 2e-3,
+    "damping.mass": 0.5,
+    "integrator.tolerance": 1e-13,
+    "initial.shape": "auto",
+}
+HELD = {"end.clamped": True}
+GIVING = {
+    "end.clamped": False,
+    "end.tangent_spring": 0.05,
+    "end.roll_spring": 0.01,
+}
+COILED = {"cable.rest_curvature": [-3.0], "cable.rest_curvature_axis": [0.0, 0.0, 1.0]}
+BENT = {
+    "cable.rest_curvature": [1.0, 4.0],
+    "cable.rest_twist": [2.0],
+    "cable.torsional_stiffness": 0.02,
+}
+
+
+def twisted(k, *values):
+    """The first or second of two unlike rods, not parallel."""
+    rods = [
+        {
+            "cable.length": 0.5,
+            "cable.torsional_stiffness": 0.008,
+            "end.position": [0.42, 0.03, 0.0],
+        },
+        {
+            "cable.length": 0.8,
+            "cable.torsional_stiffness": 0.013,
+            "cable.bending_stiffness": 0.02,
+            "discretization.control_points": 18,
+            "start.position": [0.0, 1.0, 0.2],
+            "start.tangent": [0.0, 1.0, 0.0],
+            "end.position": [0.1, 1.65, 0.0],
+            "end.tangent": [0.0, 0.8, 0.6],
+        },
+    ]
+    return scene_of(WIRE, TWISTED, rods[k], *values)
+
+
+def turn_and_move(sim):
+    """Twist the end by a turn, and move it."""
+    axis = sim.ends.tangent("end", sim.time) + [0.0, 0.1, -0.2]
+    move(sim, "end", 0.4, velocity=[-0.2, 0.1, 0.1], angular_velocity=14.0 * axis)
+
+
+@pytest.mark.parametrize("ends", [HELD, GIVING], ids=["clamped", "giving"])
+@pytest.mark.parametrize("natural", [{}, BENT], ids=["straight", "curved"])
+def test_strands_twisted_apart_move_as_two_cables(ends, natural, step=2e-3):
+    scenes = [twisted(0, ends, natural), twisted(1, HELD, natural and COILED)]
+    pair = Branched(scenes, [], step=step, driven=[turn_and_move] * 2)
+    alone = [Simulator(scene) for scene in scenes]
+    steps = 150
+    pair.advance(steps)
+    lost = 0.0
+    for k, sim in enumerate(alone):
+        start = sim.cable.points[:, :3].copy()
+        turn_and_move(sim)
+        sim.cable.open_account()
+        done = Stepper(sim.cable, METHODS["energy_momentum"], step).advance(0, steps)
+        assert done.status.ok and done.steps == steps
+        begin = sum(part.model.n for part in pair.parts[:k])
+        got = pair.cable.points[begin : begin + sim.model.n]
+        assert np.ptp(sim.cable.points[:, 3]) > 1.0
+        assert np.abs(sim.cable.points[:, :3] - start).max() > 0.02
+        np.testing.assert_allclose(got, sim.cable.points, rtol=0.0, atol=1e-12)
+        lost += sim.cable.account.dissipated
+        if pair.curves:
+            u = np.linspace(0.0, sim.model.knots[-1], 30)
+            now = steps * step
+            frames = sim.curve.frames(u, now)
+            np.testing.assert_allclose(pair.curves[k].frames(u, now), frames, atol=1e-10)
+    assert pair.cable.account.dissipated == pytest.approx(lost, rel=1e-10)
+
+
+def test_strands_come_to_rest_as_two_cables():
+    """In as many iterations, where both are pushed aside, twisted, and what holds their rolls turns
+    with the frames."""
+    scenes = [twisted(0, HELD), twisted(1, HELD)]
+    pair, rng = Branched(scenes, []), np.random.default_rng(3)
+    alone = [Simulator(scene).cable for scene in scenes]
+    pushed = []
+    for cable in alone:
+        points, n = cable.points, cable.model.n
+        points[2:-2, :3] += 0.03 * rng.normal(size=(1, 3)) * np.hanning(n - 4)[:, None]
+        points[:, 3] = np.linspace(0.0, rng.normal(), n)
+        pushed.append(points)
+    pseudo, counts = 1e-7 * 2.5 ** np.arange(24), []
+    for cable, points in ((pair.cable, np.concatenate(pushed)), *zip(alone, pushed, strict=True)):
+        cable.put(points, np.zeros_like(points))
+        cable.take_tension(True)
+        search = _Search(cable, twist=True, rolls=True)
+        counts.append([search.step(one)[0] for one in pseudo])
+    assert np.all(counts) and np.all(counts[0] <= np.maximum(*counts[1:]))
+    expected = np.concatenate([cable.points for cable in alone])
+    assert np.abs(expected - np.concatenate(pushed)).max() > 0.01
+    np.testing.assert_allclose(pair.cable.points, expected, rtol=0.0, atol=1e-7)
 
 
 def test_branches_must_be_alike():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cables import simulator
+from cables import move, simulator
 from test_bishop import LENGTH, SHAFT, SLACK, turn
 
 from dlo_sim.core import bspline, rotations
@@ -99,6 +99,17 @@ def test_a_full_turn_of_the_middle_keeps_the_material_frame(rigid):
     assert slip(sim, rest)[0] < (3e-3 if rigid else 0.02)  # 0.1 N m on 10 N m/rad
     turned = sim.control_points[:, 3] - before
     assert turned[5] > 4.0
+    assert sim.energy_error < 1e-6
+
+
+@pytest.mark.parametrize("natural", ["rest_twist", "rest_curvature"])
+def test_a_search_for_the_shape_at_rest_leaves_a_soft_roll_no_work(natural):
+    """The energy is kept from the first step on."""
+    soft = {"end.clamped": False, "end.tangent_spring": 0.05, "end.roll_spring": 0.01}
+    values = soft | {f"cable.{natural}": [1.0, 4.0]}
+    sim = simulator(SHAFT, SLACK, values, method="energy_momentum", step=2e-3)
+    move(sim, "end", 0.5, velocity=[-0.2, 0.1, 0.1])
+    assert sim.advance_steps(20).status.ok
     assert sim.energy_error < 1e-6
 
 
