@@ -293,9 +293,9 @@ class Cable:
                 else:
                     u = bspline.greville(ours) * (theirs[-1] / ours[-1])
                     out[own.here] = bspline.interpolate(ours, bspline.evaluate(values, theirs, u))
-        for own, body in zip(self.model.bodies, other.model.bodies, strict=True):
+        for mine, body in zip(self.model.bodies, other.model.bodies, strict=True):
             for out, values in zip(found, (points, rates), strict=True):
-                out[own.points, :3] = own.taken(body, values[body.points, :3])
+                out[mine.points, :3] = mine.taken(body, values[body.points, :3])
         return found
 
     # -- state ----------------------------------------------------------------------------------

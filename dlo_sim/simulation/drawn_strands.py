@@ -89,7 +89,8 @@ def drawn(
     joined = {(one.strand, one.end): one for one in scene.joints}
     for strand in scene.strands:
         own, name, names, root, carried = strand.scene, strand.name, names_of(strand), None, None
-        if begins := joined.get((name, 0.0)):
+        begins = joined.get((name, 0.0))
+        if begins:
             root, carried = found[begins.other].at(begins.at)
             start = replace(own.start, position=tuple(root.tolist()), offset=ORIGIN, fixed=FIXED)
             own = replace(own, start=start)
@@ -103,7 +104,7 @@ def drawn(
         main = local["start"].orientation if main is None else main
         frames[name] = drawn_frame(strand, frames, local["start"], main)
         frame = rotations.to_matrix(main) @ frames[name]
-        if strand.parent:
+        if strand.parent and root is not None and carried is not None:
             frame = carried @ frames[strand.parent].T @ frames[name]
             local["start"] = Geometry(root, rotations.from_matrix(frame), root, X, 0.0)
         elif root is not None:
@@ -158,8 +159,8 @@ def frames_of(model: Model, points: Array, orientation: Array) -> dict[str, Arra
     for part in model.parts:
         tangent = _tangent(part, points, 0.0)
         frames[part.name] = _swung(rotations.to_matrix(orientation) @ part.drawn, tangent)
-        for join in model.layout.joins if model.layout else ():
-            other = model.layout.parts[join.other]
+        for join in model.joins:
+            other = next(one for one in model.parts if one.name == join.other)
             if join.strand == part.name and join.u == 0.0 and not join.in_line:
                 across = _tangent(other, points, join.at)
                 frames[part.name] = _turned(part.drawn, other.drawn[:, 0], tangent, across)

@@ -127,7 +127,8 @@ def load_ahead(sim: Running) -> None:
 def _read(sim: Running) -> None:
     """Step and read the state as a node does, with the terms that are active now."""
     sim.stepper.advance(0, 0)
-    sim.curve.control_poses(sim.time, np.empty((sim.model.n, 7)))
+    for curve in sim.curves.values():
+        curve.control_poses(sim.time, np.empty((len(curve.greville), 7)))
     for number in range(len(sim.scene.holders)):
         reaction(sim.cable, sim.time, number)
     sim.contacts  # noqa: B018

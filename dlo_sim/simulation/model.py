@@ -19,7 +19,7 @@ from dlo_sim.simulation.holding import Holding
 from dlo_sim.simulation.meshes import Field
 
 if TYPE_CHECKING:
-    from dlo_sim.simulation.net import Body, Layout
+    from dlo_sim.simulation.net import Body, Join, Layout
 
 Array = NDArray[np.float64]
 MAIN = "cable"  # name of the main strand
@@ -180,6 +180,11 @@ class Model:
         """The rigid bodies of a net."""
         return () if self.layout is None else self.layout.bodies
 
+    @property
+    def joins(self) -> tuple[Join, ...]:
+        """What holds the strands of a net together."""
+        return () if self.layout is None else self.layout.joins
+
     def part_held(self, grasp: int) -> Part:
         """The strand that the holder with this number may hold."""
         return next(part for part in reversed(self.parts) if part.grasp <= grasp)
@@ -265,6 +270,11 @@ class Part:
     def bodies(self) -> tuple[Body, ...]:
         """The rigid bodies of a net."""
         return () if self.layout is None else self.layout.bodies
+
+    @property
+    def joins(self) -> tuple[Join, ...]:
+        """What holds the strands of a net together."""
+        return () if self.layout is None else self.layout.joins
 
     def part_held(self, grasp: int) -> Part:
         """The strand that the holder with this number may hold."""

@@ -32,6 +32,7 @@ from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, checked_times, sh
 from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import Pose, known_holder, moved, origin_of
 from dlo_sim.simulation.going_on import load_ahead, take_over
+from dlo_sim.simulation.model import MAIN
 from dlo_sim.simulation.play import stretch
 from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.recorder import Recorder
@@ -227,18 +228,32 @@ class Simulator(Running):
         """
         return self.curve.frames(_coordinates(u), self.time)
 
-    def control_poses(self, out: Array) -> None:
-        """Write into out, shape (n_u, 7), every control point [m] with the material frame at its
-        material coordinate, quaternion x, y, z, w.
+    def control_poses(self, out: Array, strand: str = MAIN) -> None:
+        """Write into out, shape (n_u, 7), every control point [m] of a cable with the material
+        frame at its material coordinate, quaternion x, y, z, w.
 
         Raises:
             TypeError: out is not such an array of doubles, contiguous and writeable.
+            ValueError: no such cable.
         """
-        shape = self.model.n, 7
+        curve = self.strand(strand)
+        shape = len(curve.greville), 7
         fits = isinstance(out, np.ndarray) and out.shape == shape and out.dtype == np.float64
         if not (fits and out.flags.c_contiguous and out.flags.writeable):
             raise TypeError(f"out: needs np.empty({shape}), got {arguments.given(out)}")
-        self.curve.control_poses(self.time, out)
+        curve.control_poses(self.time, out)
+
+    def connector_pose(self, name: str) -> tuple[Array, Array]:
+        """Position [m] (3,), world frame, and quaternion x, y, z, w (4,) of a connector.
+
+        Raises:
+            TypeError, ValueError: no such connector.
+        """
+        bodies = {one.connector.name: one for one in self.model.bodies if one.connector}
+        body = bodies[arguments.one_of("connector", name, bodies)]
+        points = self.cable.points[body.points, :3]
+        axes = np.array(body.signs) * (points[1:] - points[0]).T / body.length
+        return points[0] + self.origin, rotations.from_matrix(axes)
 
     @property
     def plastic_work(self) -> float:

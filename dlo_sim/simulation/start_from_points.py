@@ -182,7 +182,7 @@ def cable_through(
     for part in model.parts:
         frames, stamps = _frames(by_strand[part.name], times)
         root = None
-        for join in model.layout.joins if model.layout else ():
+        for join in model.joins:
             if (join.strand, join.u) == (part.name, 0.0):
                 other = next(one for one in model.parts if one.name == join.other)
                 root = bspline.evaluate(curve[other.here], other.model.knots, [join.at])[0]
