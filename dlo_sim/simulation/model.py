@@ -267,20 +267,6 @@ class Part:
         return slice(self.first, self.first + self.model.n - bspline.DEGREE)
 
     @property
-    def bodies(self) -> tuple[Body, ...]:
-        """The rigid bodies of a net."""
-        return () if self.layout is None else self.layout.bodies
-
-    @property
-    def joins(self) -> tuple[Join, ...]:
-        """What holds the strands of a net together."""
-        return () if self.layout is None else self.layout.joins
-
-    def part_held(self, grasp: int) -> Part:
-        """The strand that the holder with this number may hold."""
-        return next(part for part in reversed(self.parts) if part.grasp <= grasp)
-
-    @property
     def length(self) -> float:
         """Its rest length [m]."""
         return float(self.model.knots[-1])
