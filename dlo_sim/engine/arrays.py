@@ -44,6 +44,7 @@ GUARDED = 32768  # spans are kept from turning over (`engine.span_guard`)
 BORDERED = 1 << 16  # a place between control points may be held (`engine.band`)
 LOADED = 1 << 17  # wrenches may act
 SPRUNG = 1 << 18  # springs may hold the cable
+ROLLED = 1 << 34  # strands turn with bodies (`engine.roll`)
 RIGID = 1 << 22  # rigid bodies (`engine.rigid_body`)
 MESHED = 1 << 24  # obstacles may be triangle meshes (`contact.MESH`)
 SLIDING = 1 << 25  # grasps may let the cable slide
@@ -194,6 +195,20 @@ class Bodies(Group):
     idle = Wholes("bodies", 4)  # 1 for a control point that is of the body only
     length = Reals("bodies", 3)  # l [m]; negative where a director points to the origin
     stiffness = Reals("bodies")  # K [J]
+
+
+class Rolls(Group):
+    """Border rows between the twist angle at a place of a strand and the roll of a body
+    (`engine.roll`); the rigid ones first.
+    """
+
+    rigid_rolls = Whole()  # how many are rigid
+    body = Wholes("rolls")
+    first = Wholes("rolls")  # control point of the strand
+    weights = Reals("rolls", 4)  # basis values of theta
+    along = Reals("rolls", 3)  # tangent of the strand in the directors of the body
+    side = Reals("rolls", 3)  # a vector of the body that is not parallel to it, likewise
+    stiffness = Reals("rolls")  # [N m/rad], of those that give
 
 
 class Loads(Group):
@@ -362,6 +377,7 @@ class Work(Group):
         "evaluations",  # of forces, or Newton iterations, in a call of `methods.advance`
         "forces_known",  # 1 while `force` is that of the present state, for explicit methods
         "power",  # of the grasps at the present state [W] (`methods.runge_kutta`)
+        "grounded",  # border rows that undo groundings (`band.ground_border`)
         "coupled",  # where the factors of the step are: IN_STATE or IN_SKYLINE
         "decaying",  # that of the balance at the start of the step
         *("contact_work", "contact_loss"),  # of the last forces [J] (`contact.add_force`)
@@ -404,15 +420,24 @@ class Work(Group):
     guard = Lanes(25)  # gradient of the span guard on a block, and factors of its Jacobian
     pairs = Reals("pairings", 16, "columns")  # entries between two control points of each span
     pair_sums = Reals(7, groups.LANES)
+    border_at = Wholes("bordered", 2)  # first of the 4 lines unknowns of both places, or -1
     border_force = Reals("bordered", 2, "seen")  # F, without unknowns that other rows fix
     border_push = Reals("bordered", 2, "seen")  # F with them
     border_condition = Reals("bordered", 2, "seen")  # C
-    border_gram = Reals("border", "border")  # (F F^T)^-1 of the rigid rows
-    border_shift = Reals("bordered", "padded")  # Z, from PADDING on
-    border_system = Reals("bordered", "bordered")  # (C Z + compliance)^-1
+    border_compliance = Reals("bordered")  # 0 for rigid rows
+    border_gap = Reals("bordered")  # by which rigid rows are still open
+    border_gram = Reals("kept_rows", "kept_rows")  # (F F^T)^-1 of the rigid rows
+    border_shift = Reals("padded", "border_columns")  # Z, from row PADDING on
+    border_system = Reals("bordered", "border_columns")  # (C Z + compliance)^-1
+    border_share = Reals("border_columns")
+    border_signs = Reals("bordered", "bordered")
+    border_order = Wholes("bordered")
     border_spare = Reals("unknowns")
+    roll_force = Reals("rolls", 2, "seen")  # rows of F, in world coordinates: strand, body
+    roll_condition = Reals("rolls", 2, "seen")  # rows of C
+    roll_moment = Reals("rolls")  # of the body on the strand [N m]
     columns = Reals("rigid", "unknowns")  # of the matrix, by row (`methods.relax_step`)
-    border_value = Reals("bordered")
+    border_value = Reals("border_columns")
     trial = Lanes("obstacles", "groups", 3)  # bristles at the end of the step
     impulses = Lanes("obstacles", "groups", 17)  # `contact.UNIT` to KNOWN
     looked = Reals(13, groups.LANES)  # distances, then places (`engine.distance_field`)
@@ -463,6 +488,7 @@ class CableArrays(Group):
     rows: Rows
     slides: Slides
     bodies: Bodies
+    rolls: Rolls
     loads: Loads
     contact: Contact
     chain: Chain

@@ -16,8 +16,13 @@ A joint that gives, a spring of stiffness k between two branches, lies outside t
 of force f = - k C y gives the same with C Z + 1 / k in place of C Z.
 
 Adding multiples of F^T C to K does not change y. It is done because K is singular if only border
-rows support a cable at rest; with it, negative pivots count the unstable modes within the
-constraints. Rigid joints lack it: statics of branches that only joints support is not available.
+rows support a cable at rest. For a row between two places, F = a + b, the product lies outside the
+band. At rest (`ground_border`) g (a^T a + b^T b) is added instead,
+    a^T a + b^T b = (F^T F + D^T D) / 2,   D = a - b:
+the first half changes nothing where F y = 0, and the second one is undone exactly by a border row D
+with the stiffness - g / 2. Of a joint of stiffness k, g = k leaves the stiffness k / 2. K is then
+singular only where the strands within the constraints are, and the unstable modes within these are
+the negative pivots of K less those of `negative_border`.
 
 The part of r in the range of F^T is balanced by the forces of the grasps, the multipliers
 f = - (F F^T)^-1 F r, and so does not belong to the residual.
@@ -25,11 +30,12 @@ f = - (F F^T)^-1 F r, and so does not belong to the residual.
 
 from __future__ import annotations
 
+import numpy as np
 from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.kernels import NO, YES, inline, kernel
-from dlo_sim.compiling.lanes import LANES, lane
+from dlo_sim.compiling.lanes import LANES, lane, lane_sum, zero
 from dlo_sim.engine.arrays import (
     BETWEEN,
     BORDERED,
@@ -40,9 +46,10 @@ from dlo_sim.engine.arrays import (
     MARGIN,
     PADDING,
     RIGID,
+    ROLLED,
     VECTOR,
 )
-from dlo_sim.engine.skyline import substitute_skyline
+from dlo_sim.engine.skyline import substitute_skyline, substitute_skyline_columns
 from dlo_sim.terms.vectors import cross
 
 # -- the matrix ----------------------------------------------------------------------------------
@@ -364,93 +371,160 @@ def solve(cable, band, x):
 
 
 @inline
+def kept(cable):
+    """Number of rigid border rows: rows of `cable.rows`, then rolls."""
+    return cable.rows.border + cable.rolls.rigid_rolls
+
+
+@inline
 def bordered(cable):
-    """Number of border rows: rigid ones between control points, then joints that give."""
-    return cable.rows.border + cable.rows.joints
+    """Number of border rows: rigid ones, then joints and rolls that give."""
+    giving = len(cable.rolls.stiffness) - cable.rolls.rigid_rolls
+    return kept(cable) + cable.rows.joints + giving
+
+
+@inline
+def border_columns(cable):
+    """Number of border rows, with those that undo groundings."""
+    return bordered(cable) + np.int64(cable.work.results.grounded)
 
 
 @inline
 def border_row(cable, k):
-    """Constraint row of border row k."""
-    return cable.rows.count - cable.rows.border + k
+    """Constraint row of border row k, -1 for a roll."""
+    rows = cable.rows
+    if k < rows.border:
+        return rows.count - rows.border + k
+    joint = k - kept(cable)
+    return rows.count + joint if 0 <= joint < rows.joints else -1
 
 
 @inline
-def windows(cable, k):
-    """Places that border row k couples: 1, or 2 between branches."""
-    return 2 if cable.points.other[cable.rows.point[border_row(cable, k)]] >= 0 else 1
-
-
-@inline
-def window(cable, k, w):
-    """First of the 4 lines unknowns of border row k at its place w."""
-    point = cable.rows.point[border_row(cable, k)]
-    return cable.lines * (cable.points.other[point] if w == 1 else cable.points.first[point])
+def roll_of(cable, k):
+    """Roll of border row k, which is one."""
+    return k - cable.rows.border - (cable.rows.joints if k >= kept(cable) else 0)
 
 
 @inline
 def along(cable, matrix, k, y, begin):
     """Product of border row k of F or C with the unknowns y[begin], y[begin + 1], ..."""
-    value = 0.0
-    for w in range(windows(cable, k)):
-        at = begin + window(cable, k, w)
-        for r in range(matrix.shape[2]):
-            value += matrix[k, w, r] * y[at + r]
+    value, places = 0.0, cable.work.border_at[k]
+    for w in range(2):
+        if places[w] >= 0:
+            at = begin + places[w]
+            for r in range(matrix.shape[2]):
+                value += matrix[k, w, r] * y[at + r]
     return value
 
 
 @inline
 def spread(cable, matrix, k, scale, y, begin):
     """Add `scale` times border row k of F to the unknowns y[begin], y[begin + 1], ..."""
-    for w in range(windows(cable, k)):
-        at = begin + window(cable, k, w)
-        for r in range(matrix.shape[2]):
-            y[at + r] += scale * matrix[k, w, r]
+    places = cable.work.border_at[k]
+    for w in range(2):
+        if places[w] >= 0:
+            at = begin + places[w]
+            for r in range(matrix.shape[2]):
+                y[at + r] += scale * matrix[k, w, r]
 
 
 @inline
-def write_border(cable, directions, free, out):
-    """Write the border rows with directions (rows, 3), in the frames of the clamps, to `out`
-    (border, places, 4 lines). `free`: zero at the unknowns that other constraint rows fix.
+def set_places(cable, k):
+    """Set where border row k acts, and its compliance."""
+    rows, rolls, points, work = cable.rows, cable.rolls, cable.points, cable.work
+    row = border_row(cable, k)
+    if row < 0:
+        roll = roll_of(cable, k)
+        work.border_at[k, 0] = cable.lines * rolls.first[roll]
+        work.border_at[k, 1] = cable.lines * first_of(cable, rolls.body[roll])
+        stiffness = rolls.stiffness[roll]
+    else:
+        first, other = points.first[rows.point[row]], points.other[rows.point[row]]
+        work.border_at[k, 0] = cable.lines * first
+        work.border_at[k, 1] = cable.lines * other if other >= 0 else -1
+        stiffness = rows.stiffness[row]
+    work.border_compliance[k] = 0.0 if k < kept(cable) else 1.0 / stiffness
+
+
+@inline
+def first_of(cable, body):
+    """First control point of a body."""
+    point = cable.bodies.point[body]
+    return min(min(point[0], point[1]), min(point[2], point[3]))
+
+
+@inline
+def write_place(cable, k, w, directions, rolled):
+    """Write border row k at its place w, in world coordinates, to `border_spare`; `rolled`: the
+    rows of the rolls.
     """
-    lines, rows, points, spare = cable.lines, cable.rows, cable.points, cable.work.border_spare
-    for k in range(bordered(cable)):
-        row = border_row(cable, k)
-        line, point = rows.line[row], rows.point[row]
-        for r in range(cable.n * lines):
-            spare[r] = 0.0
-        for w in range(windows(cable, k)):
-            begin = window(cable, k, w)
-            for j in range(4):
-                weight = points.other_weights[point, j] if w == 1 else points.weights[point, j]
-                for d in range(cable.dim):
-                    along_d = 1.0 if d == line else 0.0
-                    if line < 0:
-                        along_d = directions[row, d]
-                    spare[begin + j * lines + d] = along_d * weight
-        turn_vector(cable, directions, YES, spare, 0)
-        if free:
-            clear_held(cable, spare, 0)
-        for w in range(windows(cable, k)):
-            for r in range(4 * lines):
-                out[k, w, r] = spare[window(cable, k, w) + r]
+    lines, points, row = cable.lines, cable.points, border_row(cable, k)
+    spare, at = cable.work.border_spare, cable.work.border_at[k, w]
+    if row < 0:
+        roll = roll_of(cable, k)
+        for r in range(4 * lines):
+            spare[at + r] = rolled[roll, w, r]
+        return
+    line, point = cable.rows.line[row], cable.rows.point[row]
+    for j in range(4):
+        weight = points.other_weights[point, j] if w == 1 else points.weights[point, j]
+        for d in range(lines):
+            along_d = 1.0 if d == line else 0.0
+            if line < 0 and d < cable.dim:
+                along_d = directions[row, d]
+            spare[at + j * lines + d] = along_d * weight
+
+
+@inline
+def write_border(cable, first, directions, rolled, free, out):
+    """Write the border rows from `first` on with directions (rows, 3), in the frames of the clamps,
+    to `out` (border, places, 4 lines). `rolled`: rows of the rolls (rolls, places, 4 lines).
+    `free`: zero at the unknowns that other constraint rows fix.
+    """
+    spare = cable.work.border_spare
+    for k in range(first, bordered(cable)):
+        for w in range(2):
+            at = cable.work.border_at[k, w]
+            if at < 0:
+                continue
+            write_place(cable, k, w, directions, rolled)
+            turn_vector(cable, directions, YES, spare, 0)
+            if free:
+                clear_held(cable, spare, 0)
+            for r in range(out.shape[2]):
+                out[k, w, r] = spare[at + r]
 
 
 @kernel(void, CABLE, LINES, LINES, terms=BORDERED)
-def set_border(cable, pushed, kept):
-    """Set F with the directions `pushed`, C with the directions `kept`, and (F F^T)^-1."""
-    work, border = cable.work, cable.rows.border
-    write_border(cable, pushed, NO, work.border_push)
-    write_border(cable, pushed, YES, work.border_force)
-    write_border(cable, kept, YES, work.border_condition)
+def set_border(cable, pushed, ahead):
+    """Set F with the directions `pushed`, C with the directions `ahead`, and (F F^T)^-1; those of
+    rolls from `work.roll_force` and `work.roll_condition`.
+    """
+    work = cable.work
+    work.results.grounded = 0.0
+    for k in range(bordered(cable)):
+        set_places(cable, k)
+    write_border(cable, 0, pushed, work.roll_force, NO, work.border_push)
+    write_border(cable, 0, pushed, work.roll_force, YES, work.border_force)
+    write_border(cable, 0, ahead, work.roll_condition, YES, work.border_condition)
+    set_gram(cable)
+
+
+@inline
+def set_gram(cable):
+    """(F F^T)^-1 of the rigid rows."""
+    work, count = cable.work, kept(cable)
     spare = work.border_spare
     for r in range(cable.n * cable.lines):
         spare[r] = 0.0
-    for k in range(border):
+    for k in range(count):
         spread(cable, work.border_force, k, 1.0, spare, 0)
-        for j in range(border):
+        for j in range(count):
             work.border_gram[j, k] = along(cable, work.border_force, j, spare, 0)
-        spread(cable, work.border_force, k, -1.0, spare, 0)
+        for w in range(2):
+            for r in range(4 * cable.lines):
+                if work.border_at[k, w] >= 0:
+                    spare[work.border_at[k, w] + r] = 0.0
     invert_in_place(work.border_gram)
 
 
@@ -471,43 +545,241 @@ def invert_in_place(a):
                     a[i, j] -= factor * a[k, j]
 
 
+@inline
+def invert_pivoted(a, size, order):
+    """Gauss-Jordan inverse in place of the first `size` rows, with partial pivoting; `order`: room.
+
+    The rows are whole vectors.
+    """
+    for k in range(size):
+        best = k
+        for i in range(k + 1, size):
+            if abs(a[i, k]) > abs(a[best, k]):
+                best = i
+        order[k] = best
+        pivot = 1.0 / a[best, k]
+        a[best, k] = 1.0
+        for j in range(0, size, LANES):
+            row = load(a, best, j) * pivot
+            if best != k:
+                store(a, best, j, load(a, k, j))
+            store(a, k, j, row)
+        for i in range(size):
+            if i != k:
+                factor = a[i, k]
+                a[i, k] = 0.0
+                for j in range(0, size, LANES):
+                    store(a, i, j, load(a, i, j) - factor * load(a, k, j))
+    for k in range(size - 1, -1, -1):
+        best = order[k]
+        for i in range(size if best != k else 0):
+            a[i, k], a[i, best] = a[i, best], a[i, k]
+
+
 @kernel(void, CABLE, LINES, terms=BORDERED)
 def stiffen_border(cable, band):
     """Add F^T C of the rigid rows at one place to the band matrix, each scaled to the largest
     diagonal entry where it acts.
     """
-    half = 4 * cable.lines - 1
+    work = cable.work
     for k in range(cable.rows.border):
-        if windows(cable, k) == 2:  # outside the band
+        if work.border_at[k, 1] < 0:  # else outside the band
+            stiffness = largest_at(cable, work.border_at[k, 0], band)
+            f, c = work.border_force[k][0], work.border_condition[k][0]
+            norm = 0.0
+            for r in range(len(f)):
+                norm += f[r] * c[r]
+            ground(cable, work.border_at[k, 0], f, c, stiffness / norm, band)
+
+
+@inline
+def largest_at(cable, begin, band):
+    """Largest diagonal entry of the matrix at the 4 lines unknowns from `begin` on."""
+    value = 0.0
+    for r in range(begin, begin + 4 * cable.lines):
+        value = max(value, abs(band[r, 4 * cable.lines - 1]))
+    return value
+
+
+@inline
+def ground(cable, begin, f, c, stiffness, band):
+    """Add stiffness f^T c at the 4 lines unknowns from `begin` on."""
+    half = 4 * cable.lines - 1
+    for r in range(len(f)):
+        for q in range(len(c)):
+            band[begin + r, q - r + half] += stiffness * f[r] * c[q]
+
+
+@kernel(void, CABLE, LINES, terms=BORDERED, family=BETWEEN)
+def ground_border(cable, band):
+    """Ground both places of every row between two places, and undo it through further border rows
+    (see the head of this file), so that the matrix is not singular where only such rows support a
+    strand at rest.
+    """
+    work, base = cable.work, bordered(cable)
+    extra = base
+    for k in range(base):
+        a, b = work.border_at[k, 0], work.border_at[k, 1]
+        if b < 0:
             continue
-        begin = window(cable, k, 0)
-        f, c = cable.work.border_force[k][0], cable.work.border_condition[k][0]
-        stiffness, norm = 0.0, 0.0
-        for r in range(len(f)):
-            stiffness = max(stiffness, abs(band[begin + r, half]))
-            norm += f[r] * c[r]
-        for r in range(len(f)):
-            for q in range(len(c)):
-                band[begin + r, q - r + half] += stiffness / norm * f[r] * c[q]
+        norm = 0.0
+        for w in range(2):
+            for r in range(4 * cable.lines):
+                norm += work.border_force[k, w, r] * work.border_condition[k, w, r]
+        stiffness = max(largest_at(cable, a, band), largest_at(cable, b, band)) / norm
+        if work.border_compliance[k] > 0.0:
+            stiffness = 1.0 / work.border_compliance[k]
+            work.border_compliance[k] *= 2.0
+        for w in range(2):
+            f, c = work.border_force[k][w], work.border_condition[k][w]
+            ground(cable, work.border_at[k, w], f, c, stiffness, band)
+            sign = 1.0 if w == 0 else -1.0
+            work.border_at[extra, w] = work.border_at[k, w]
+            for r in range(4 * cable.lines):
+                work.border_force[extra, w, r] = sign * f[r]
+                work.border_condition[extra, w, r] = sign * c[r]
+        work.border_compliance[extra] = -2.0 / stiffness
+        extra += 1
+    work.results.grounded = float(extra - base)
 
 
 @kernel(void, CABLE, LINES, float64, terms=BORDERED)
 def solve_border(cable, band, share):
-    """Compute Z = K^-1 F^T and (C Z + compliance)^-1 with the LU factors of K. `share`: of the
-    stiffness of joints in the matrix, as of the other springs.
+    """Compute Z = K^-1 F^T and (C Z + compliance)^-1 with the LU factors of K, eight columns at a
+    time. `share`: of the stiffness of joints in the matrix, as of the other springs.
     """
-    work, rows, size = cable.work, cable.rows, cable.n * cable.lines
-    for k in range(bordered(cable)):
-        z = work.border_shift[k]
-        for r in range(size):
-            z[PADDING + r] = 0.0
-        spread(cable, work.border_force, k, 1.0, z, PADDING)
-        solve(cable, band, z)
-        for j in range(bordered(cable)):
-            work.border_system[j, k] = along(cable, work.border_condition, j, z, PADDING)
-        if k >= rows.border:
-            work.border_system[k, k] += 1.0 / (share * rows.stiffness[border_row(cable, k)])
-    invert_in_place(work.border_system)
+    work, size, count = cable.work, cable.n * cable.lines, border_columns(cable)
+    z, system = work.border_shift, work.border_system
+    for column in range(0, count, LANES):
+        for r in range(PADDING, PADDING + size):
+            store(z, r, column, 0.0)
+    for k in range(count):
+        for w in range(2):
+            at = PADDING + work.border_at[k, w]
+            for r in range(4 * cable.lines if at >= PADDING else 0):
+                z[at + r, k] += work.border_force[k, w, r]
+    for column in range(0, count, LANES):
+        first = size
+        for k in range(column, min(column + LANES, count)):
+            for w in range(2):
+                if work.border_at[k, w] >= 0:
+                    first = min(first, work.border_at[k, w])
+        if work.results.coupled == IN_SKYLINE:
+            substitute_skyline_columns(cable, size, first, column, z)
+        elif cable.lines == 2:
+            substitute_columns(band, size, 7, first, column, z)
+        elif cable.lines == 3:
+            substitute_columns(band, size, 11, first, column, z)
+        else:
+            substitute_columns(band, size, 15, first, column, z)
+    for j in range(count):
+        for column in range(0, count, LANES):
+            sums = zero()
+            for w in range(2):
+                at = PADDING + work.border_at[j, w]
+                for r in range(4 * cable.lines if at >= PADDING else 0):
+                    sums += work.border_condition[j, w, r] * load(z, at + r, column)
+            store(system, j, column, sums)
+        system[j, j] += work.border_compliance[j] / share
+    invert_pivoted(system, count, work.border_order)
+
+
+@inline
+def substitute_columns(band, size, half, first, column, z):
+    """`substitute_rows` for eight columns of z from `column` on, zero before row `first`."""
+    for r in range(first, size):
+        row, at = band[r], PADDING + r
+        value = load(z, at, column)
+        for k in range(half):
+            value -= row[k] * load(z, at - half + k, column)
+        store(z, at, column, value)
+    for r in range(size - 1, -1, -1):
+        row, at = band[r], PADDING + r
+        value = load(z, at, column)
+        for k in range(half, 0, -1):
+            value -= row[half + k] * load(z, at + k, column)
+        store(z, at, column, value * row[half])
+
+
+@kernel(int64, CABLE, terms=BORDERED, family=BETWEEN)
+def negative_border(cable):
+    """Number of negative eigenvalues that the border rows take from the matrix K, after
+    `solve_border` for a symmetric system: within the constraints, K has so many less.
+
+    The bordered matrix has those of K and the positive ones of S = C Z + compliance (Haynsworth);
+    but also those within the constraints, one more for each rigid row and each positive compliance,
+    and none for a negative one. So the number is that of the negative eigenvalues of S, which are
+    those of its inverse, less the number of negative compliances.
+    """
+    work, count = cable.work, border_columns(cable)
+    a = work.border_signs
+    for i in range(count):
+        for j in range(count):
+            a[i, j] = 0.5 * (work.border_system[i, j] + work.border_system[j, i])
+    return negative_eigenvalues(a, count) - np.int64(work.results.grounded)
+
+
+@inline
+def swap(a, size, i, j):
+    """Exchange rows and columns i and j."""
+    for k in range(size):
+        a[i, k], a[j, k] = a[j, k], a[i, k]
+    for k in range(size):
+        a[k, i], a[k, j] = a[k, j], a[k, i]
+
+
+@inline
+def negative_eigenvalues(a, size):
+    """Number of negative eigenvalues of a symmetric matrix, which is overwritten: L D L^T with
+    pivots of one or two rows (Bunch & Parlett 1971, SIAM J. Numer. Anal. 8, 639-655).
+    """
+    negative, at = 0, 0
+    while at < size:
+        diagonal, best, aside, row, column = -1.0, at, 0.0, at, at
+        for i in range(at, size):
+            if abs(a[i, i]) > diagonal:
+                diagonal, best = abs(a[i, i]), i
+            for j in range(at, i):
+                if abs(a[i, j]) > aside:
+                    aside, row, column = abs(a[i, j]), i, j
+        if diagonal >= 0.64 * aside:
+            swap(a, size, at, best)
+            negative += 1 if a[at, at] < 0.0 else 0
+            for i in range(at + 1, size):
+                factor = a[i, at] / a[at, at]
+                for j in range(at + 1, size):
+                    a[i, j] -= factor * a[at, j]
+            at += 1
+        else:  # one of its two eigenvalues is negative
+            swap(a, size, at, column)
+            swap(a, size, at + 1, row)
+            negative += 1
+            p, q, s = a[at, at], a[at + 1, at], a[at + 1, at + 1]
+            inverse = 1.0 / (p * s - q * q)
+            for i in range(at + 2, size):
+                first = inverse * (s * a[i, at] - q * a[i, at + 1])
+                second = inverse * (p * a[i, at + 1] - q * a[i, at])
+                for j in range(at + 2, size):
+                    a[i, j] -= first * a[at, j] + second * a[at + 1, j]
+            at += 2
+    return negative
+
+
+@inline
+def take_shares(cable, count, y):
+    """y -= Z `border_share`."""
+    z, shares = cable.work.border_shift, cable.work.border_share
+    for k in range(count, cable.work.border_shift.shape[1]):
+        shares[k] = 0.0
+    if count == 1:
+        for r in range(PADDING, PADDING + cable.n * cable.lines):
+            y[r] -= shares[0] * z[r, 0]
+        return
+    for r in range(PADDING, PADDING + cable.n * cable.lines):
+        sums = zero()
+        for column in range(0, count, LANES):
+            sums += load(shares, column) * load(z, r, column)
+        y[r] -= lane_sum(sums)
 
 
 @kernel(void, CABLE, VECTOR, terms=BORDERED)
@@ -515,7 +787,7 @@ def keep_border(cable, y):
     """Let a correction y, of which unknown r is y[PADDING + r], keep the border rows:
     y <- (1 - Z (C Z + compliance)^-1 C) y.
     """
-    work, count = cable.work, bordered(cable)
+    work, count = cable.work, border_columns(cable)
     values = work.border_value
     for k in range(count):
         values[k] = along(cable, work.border_condition, k, y, PADDING)
@@ -523,21 +795,34 @@ def keep_border(cable, y):
         share = 0.0
         for j in range(count):
             share += work.border_system[k, j] * values[j]
-        z = work.border_shift[k]
-        for r in range(PADDING, PADDING + cable.n * cable.lines):
-            y[r] -= share * z[r]
+        work.border_share[k] = share
+    take_shares(cable, count, y)
+
+
+@kernel(void, CABLE, VECTOR, terms=ROLLED, family=IMPLICIT | BETWEEN)
+def close_border(cable, y):
+    """Let a correction y that keeps the border rows close the gaps of the rigid ones:
+    y -= Z (C Z + compliance)^-1 gap.
+    """
+    work, count = cable.work, border_columns(cable)
+    for k in range(count):
+        share = 0.0
+        for j in range(kept(cable)):
+            share += work.border_system[k, j] * work.border_gap[j]
+        work.border_share[k] = share
+    take_shares(cable, count, y)
 
 
 @kernel(void, CABLE, VECTOR, terms=BORDERED)
 def keep_border_transposed(cable, y):
     """The transpose of `keep_border`: y <- (1 - C^T (C Z + compliance)^-T Z^T) y."""
-    work, count = cable.work, bordered(cable)
-    values = work.border_value
-    for k in range(count):
-        z, value = work.border_shift[k], 0.0
+    work, count = cable.work, border_columns(cable)
+    values, z = work.border_value, work.border_shift
+    for column in range(0, count, LANES):
+        sums = zero()
         for r in range(PADDING, PADDING + cable.n * cable.lines):
-            value += z[r] * y[r]
-        values[k] = value
+            sums += y[r] * load(z, r, column)
+        store(values, column, sums)
     for k in range(count):
         share = 0.0
         for j in range(count):
@@ -548,18 +833,22 @@ def keep_border_transposed(cable, y):
 @kernel(void, CABLE, VECTOR, VECTOR, terms=BORDERED)
 def balance_border(cable, residual, forces):
     """Remove from the residual, whose unknown r is residual[PADDING + r], the part that rigid
-    border rows balance; write their forces to the entries of `forces` (rows,).
+    border rows balance; write their forces to the entries of `forces` (rows,), and the moments of
+    rolls to `work.roll_moment`.
 
     These forces also act on unknowns that other rows fix, so this comes before the reactions there
     are read from the residual.
     """
-    work, border = cable.work, cable.rows.border
+    work, count = cable.work, kept(cable)
     values = work.border_value
-    for k in range(border):
+    for k in range(count):
         values[k] = along(cable, work.border_force, k, residual, PADDING)
-    for k in range(border):
+    for k in range(count):
         force = 0.0
-        for j in range(border):
+        for j in range(count):
             force -= work.border_gram[k, j] * values[j]
-        forces[border_row(cable, k)] = force
+        if k < cable.rows.border:
+            forces[border_row(cable, k)] = force
+        else:
+            work.roll_moment[k - cable.rows.border] = force
         spread(cable, work.border_push, k, force, residual, PADDING)

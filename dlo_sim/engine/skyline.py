@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from numba import boolean, int64, void
 
-from dlo_sim.compiling.groups import load
+from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES, lane_sum, zero
 from dlo_sim.engine.arrays import CABLE, LINES, PADDING, SELF, VECTOR
@@ -130,3 +130,25 @@ def substitute_skyline(cable, size, x):
         x[PADDING + r] = value
         for c in range(low, r):
             x[PADDING + c] -= sky[column + c - low] * value
+
+
+@kernel(void, CABLE, int64, int64, int64, LINES, terms=SELF)
+def substitute_skyline_columns(cable, size, first, column, z):
+    """`substitute_skyline` for eight columns of z from `column` on, zero before row `first`."""
+    work = cable.work
+    sky, begin, place = work.skyline, work.skyline_begin, work.skyline_place
+    for r in range(first, size):
+        low, row = begin[r], place[r]
+        value = load(z, PADDING + r, column)
+        for c in range(max(low, first), r):
+            value -= sky[row + c - low] * load(z, PADDING + c, column)
+        store(z, PADDING + r, column, value)
+    for r in range(size - 1, -1, -1):
+        low = begin[r]
+        above = place[r] + r - low
+        value = load(z, PADDING + r, column) * work.skyline_pivot[r]
+        store(z, PADDING + r, column, value)
+        for c in range(low, r):
+            store(
+                z, PADDING + c, column, load(z, PADDING + c, column) - sky[above + c - low] * value
+            )

@@ -23,10 +23,12 @@ from dlo_sim.engine.band import (
     clear_band,
     clear_held,
     eliminate,
+    ground_border,
     hold,
     hold_unknown,
     keep_border,
     keep_border_transposed,
+    negative_border,
     set_border,
     solve_border,
     stiffen_border,
@@ -213,8 +215,8 @@ def solve_held(address, unknowns, transposed):
     """Solve K y = unknowns, or K^T y = unknowns, for every row of the unknowns (m, n lines), with
     the constraint rows imposed, in place; K in `work.band` is overwritten.
 
-    Returns the number of negative pivots, for a symmetric matrix that of negative eigenvalues, or
-    -1 if a pivot is not usable.
+    Returns for a symmetric matrix the number of negative eigenvalues within the constraints, or -1
+    if a pivot is not usable.
     """
     cable, sides = cable_at(address), grid(unknowns)
     lines, size = cable.lines, cable.n * cable.lines
@@ -223,6 +225,7 @@ def solve_held(address, unknowns, transposed):
     hold(cable, directions, directions, band)
     set_border(cable, directions, directions)
     stiffen_border(cable, band)
+    ground_border(cable, band)
     if not eliminate(band, size, lines):
         return -1
     solve_border(cable, band, 1.0)
@@ -241,7 +244,7 @@ def solve_held(address, unknowns, transposed):
         turn_vector(cable, directions, NO, z, PADDING)
         for r in range(size):
             sides[side, r] = z[PADDING + r]
-    negative = 0
+    negative = -negative_border(cable)
     for r in range(size):
         if band[r, 4 * lines - 1] < 0.0:
             negative += 1

@@ -31,10 +31,13 @@ from dlo_sim.engine.arrays import (
 from dlo_sim.engine.assembly import all_forces
 from dlo_sim.engine.band import (
     add_line,
+    border_columns,
     clear_held,
     eliminate,
+    ground_border,
     hold,
     keep_border,
+    negative_border,
     set_border,
     solve_border,
     stiffen_border,
@@ -160,10 +163,16 @@ def correct(address, pseudo, guide, begun, length, predicted, twist, rolls):
     hold(cable, directions, directions, band)
     set_border(cable, directions, directions)
     stiffen_border(cable, band)
+    ground_border(cable, band)
     work.results.coupled = IN_STATE
-    if not eliminate(band, size, lines) or negative(band, size, 4 * lines - 1):
+    if not eliminate(band, size, lines):
+        return False
+    count = negative(band, size, 4 * lines - 1)
+    if count > border_columns(cable):
         return False
     solve_border(cable, band, 1.0)
+    if count != negative_border(cable):
+        return False
     set_force(cable, pseudo, guide, begun, length, twist)
     solve_lines(cable, work.force, work.nudge)
     if rolls:
@@ -200,11 +209,11 @@ def solve_lines(cable, push, out):
 
 @inline
 def negative(band, size, half):
-    """Whether a pivot is negative; the factors have 1 / pivot."""
+    """Number of negative pivots; the factors have 1 / pivot."""
+    count = 0
     for r in range(size):
-        if band[r, half] < 0.0:
-            return True
-    return False
+        count += 1 if band[r, half] < 0.0 else 0
+    return count
 
 
 @inline

@@ -33,13 +33,15 @@ def sizes_of(
     field_values: int = 0,
     bodies: int = 0,
     strands: int = 1,
+    rolls: tuple[int, int] = (0, 0),
 ) -> dict[str, int]:
     """Sizes of all dimensions that `engine.arrays` names.
 
     Args:
         terms: bits of the active terms. pieces: groups of samples of a span that touch bodies, 0
             without obstacles. segments: of a span, that touch each other, or 0. field_values: of
-            meshes that are obstacles. bodies: rigid ones.
+            meshes that are obstacles. bodies: rigid ones. rolls: rows between twist angles and
+            bodies, rigid ones and ones that give.
     """
     lines, unknowns = dim + twist, n * (dim + twist)
     spans = n - DEGREE
@@ -48,6 +50,8 @@ def sizes_of(
         bool(terms & bit) for bit in (arrays.BISHOP, arrays.CURVED, arrays.PLASTICITY)
     )
     chain = bool(segments)
+    between = sum(rolls) + holding.between
+    bordered = holding.border + holding.joints + sum(rolls) + between
     pairs = PAIRS * segments * (n - DEGREE)
     return {
         "terms": terms,
@@ -65,8 +69,12 @@ def sizes_of(
         "joints": holding.joints,
         "slides": len(holding.slides),
         "bodies": bodies,
-        "bordered": holding.border + holding.joints,
         "strands": strands,
+        "kept_rows": holding.border + rolls[0],
+        "bordered": bordered,
+        "border_columns": LANES * -(-bordered // LANES),
+        "rolls": sum(rolls),
+        "rigid_rolls": rolls[0],
         "grasps": grasps,
         "loads": loads,
         "obstacles": obstacles,

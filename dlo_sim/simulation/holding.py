@@ -131,6 +131,11 @@ class Holding:
         return sum(bit for bit, there in present.items() if there)
 
     @property
+    def between(self) -> int:
+        """Number of rows and springs between two places."""
+        return sum(self.points[row.point].other >= 0 for row in [*self.rows, *self.springs])
+
+    @property
     def rigid_points(self) -> list[Point]:
         """Points in space that rigid rows hold."""
         held = sorted({row.point for row in self.rows})
