@@ -326,6 +326,7 @@ class Scene:
     def tf_keys(self) -> Names:
         """Keys of the parameters that require tf2."""
         asked: dict[str, object] = {"inputs.tf": self.inputs.tf, "outputs.tf": self.outputs.tf}
+        asked |= {f"connectors.{one.name}.frame": one.frame for one in self.connectors}
         return tuple(key for key, value in (asked | self.followed_frames).items() if value)
 
     @property
@@ -565,13 +566,14 @@ def _placement(scene: Scene) -> Conflicts:
 
 
 def _frames(scene: Scene) -> Conflicts:
-    """A frame of two end effectors, or of one and the world."""
+    """A frame of two end effectors or connectors, or of one and the world."""
     seen = {scene.frame_id: "frame_id"}
-    for name, holder in scene.holder_keys():
-        key = f"{name}.frame"
-        if holder.frame and seen.setdefault(holder.frame, key) != key:
-            problem = f"is also {seen[holder.frame]}; give the end-effector's own frame"
-            yield key, holder.frame, problem
+    framed = [(f"{name}.frame", holder.frame) for name, holder in scene.holder_keys()]
+    framed += [(f"connectors.{one.name}.frame", one.frame) for one in scene.connectors]
+    for key, frame in framed:
+        if frame and seen.setdefault(frame, key) != key:
+            kind = "connector" if key.startswith("connectors.") else "end-effector"
+            yield key, frame, f"is also {seen[frame]}; give the {kind}'s own frame"
 
 
 def _load_frames(scene: Scene) -> Conflicts:

@@ -11,6 +11,7 @@ from typing import Any
 
 from dlo_sim.scene.cable import Cable
 from dlo_sim.scene.holders import JOINTS, End, joint_conflicts
+from dlo_sim.scene.obstacles import Obstacle
 from dlo_sim.scene.parameter import ORIGIN, Group, Names, Vector, off_unit, parameter
 from dlo_sim.scene.refusal import Rules, nearest, refusal, shown
 
@@ -124,6 +125,15 @@ class Connector(Group):
     shape: str = parameter("none", choices=("none", "sphere", "capsule", "box"))
     size: Vector = parameter(ORIGIN, "m", (0.0, 1.0e3))
     frame: str = parameter("", read_only=True)
+
+    @property
+    def body(self) -> Obstacle:
+        """Its shape, placed in its frame."""
+        x, y, _ = self.size
+        if self.shape != "capsule":
+            return Obstacle(self.name, self.shape, self.size, self.center)
+        half = math.sqrt(0.5)  # turns z, the axis of that of an obstacle, to x
+        return Obstacle(self.name, "capsule", (y, y, x), self.center, (0.0, half, 0.0, half))
 
     def conflicts(self, key: str, scene: Any) -> Rules:
         """No mass, no inertia or that of no body, no extent."""
