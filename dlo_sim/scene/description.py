@@ -145,10 +145,14 @@ class Scene:
     @property
     def assumptions(self) -> tuple[str, ...]:
         """One line for each assumption about the cable and the water around it."""
-        if self.water.density == 0.0 or self.water_surface is not None:
-            return self.cable.assumptions
-        everywhere = f"so that there is water of {self.water.density:g} kg/m^3 everywhere"
-        return (*self.cable.assumptions, f"water.level: not given, {everywhere}")
+        lines: dict[str, str] = {}  # each, without the key of the strand, said once
+        for strand in self.strands:
+            for line in strand.scene.cable.assumptions:
+                lines.setdefault(line, strand.key_of(line))
+        if self.water.density and self.water_surface is None:
+            everywhere = f"so that there is water of {self.water.density:g} kg/m^3 everywhere"
+            lines["water"] = f"water.level: not given, {everywhere}"
+        return tuple(lines.values())
 
     @property
     def water_surface(self) -> tuple[Vector, float] | None:
@@ -409,6 +413,8 @@ def _origins(parents: Mapping[str, str], cables: Names) -> dict[str, str]:
     """Key of a value that is that of another key unless it is given, and that key; in an order in
     which those come first from which others follow. SceneError for branches from nowhere.
     """
+    if not (parents or cables):
+        return {}
     members = [row.key for row in parameters_of(Cable(), "cable.")]
     origins = {f"cables.{name}.{key}": key for name in cables for key in members}
     prefix = {MAIN: "", **{name: f"cables.{name}." for name in cables}}
@@ -631,7 +637,8 @@ def check_added(scene: Scene, obstacle: Obstacle) -> None:
     for row in parameters_of(obstacle, f"obstacles.{obstacle.name}."):
         check_value(row, row.default)
     taken = set(scene.holders) | {one.name for one in scene.bodies}
-    taken |= {strand.name for strand in scene.strands} | {one.name for one in scene.connectors}
+    named = (scene.branches, scene.cables, scene.connectors)
+    taken |= {one.name for group in named for one in group}
     if obstacle.name in taken:
         raise refusal("obstacles", obstacle.name, "is there already; remove it before")
     if obstacle.name in NAMED["obstacles"]:

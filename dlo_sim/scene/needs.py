@@ -385,6 +385,7 @@ def mirrors(scene: Scene) -> list[float]:
     scenes = [strand.scene for strand in scene.strands]
     starts = [np.add(one.start.position, one.start.offset) for one in scenes]
     leave = np.any(np.not_equal(starts, starts[0]), axis=0)
+    leave |= np.any([one.direction for one in scene.strands], axis=0)
     for one in scenes:
         leave |= [_ends_leave(one, axis) or _forces_leave(one, axis) for axis in _SPACE]
     return [0.0 if leaves else 1.0 for leaves in leave]

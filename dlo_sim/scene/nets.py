@@ -180,8 +180,9 @@ class Strand:
     Attributes:
         name: `cable` for the main one.
         scene: the `Scene` of this cable alone: with its loads and grasps, as if on the main cable,
-            without joints; all else as in the net. The start of a branch is free there. Where
-            nothing holds an end, its position is that with all cables straight.
+            without joints; all else as in the net. The start of a branch is free there, and
+            its tangent the direction in which it leaves. Where nothing holds an end, its position
+            is that with all cables straight.
         key: of its block of parameters, `branches.a`; empty for the main cable.
         parent: name of the strand that a branch begins at; empty if it begins at none.
         at, direction, joint, joint_stiffness: as those of the branch.

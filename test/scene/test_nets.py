@@ -135,6 +135,18 @@ def test_overrides_come_before_inheritance():
     assert not load_scene(nested, {"branches.names": []}).branches
 
 
+def test_an_assumption_is_said_once_by_the_key_of_its_cable():
+    stiff = {"cable.bending_stiffness": 1e-3, "cable.axial_stiffness": 1e4}
+    scene = scene_from_values({**A, **stiff})
+    (line,) = scene.assumptions
+    assert line.startswith("cable.torsional_stiffness: not given")
+    scene = scene.with_values({"branches.a.cable.bending_stiffness": 2e-3})
+    assert [one.partition(":")[0] for one in scene.assumptions] == [
+        "cable.torsional_stiffness",
+        "branches.a.cable.torsional_stiffness",
+    ]
+
+
 def test_the_bore_of_a_hose_is_that_of_all():
     scene = scene_from_values({**A, "hose.bore": 0.003})
     assert [cable.bore for cable in scene.materials] == [0.003, 0.003]
@@ -273,6 +285,15 @@ def test_explicit_methods_do_not_know_nets(values):
     [
         ({**A, "branches.a.direction": [0.0, 0.0, -1.0]}, [0.0, 1.0, 0.0]),
         ({**A, "branches.a.direction": [0.0, 1.0, 0.0]}, [0.0, 0.0, 0.0]),
+        (
+            {
+                **A,
+                "branches.a.direction": [0.0, 1.0, 0.0],
+                "branches.a.end.position": [1.0, 0.0, 0.1],
+                "branches.a.end.fixed": HELD,
+            },
+            [0.0, 0.0, 0.0],
+        ),
         (C, [0.0, 0.0, 0.0]),
         ({**PLUG, "connectors.plug.center": [0.0, 0.01, 0.0]}, [0.0, 0.0, 0.0]),
     ],
