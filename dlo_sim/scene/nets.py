@@ -250,61 +250,53 @@ def strands_of(scene: Any) -> tuple[Strand, ...]:
     """
     if not scene.is_net:
         return (Strand(MAIN, scene),)
-    start, end = scene.start, scene.end
-    parts = [_strand(scene, MAIN, "", scene.cable, scene.discretization, start, end)]
-    for own in scene.cables:
-        of = (own.cable, own.discretization, own.start, own.end)
-        parts.append(_strand(scene, own.name, f"cables.{own.name}", *of))
-    placed = {part.name: part for part in parts}
+    placed = {MAIN: Strand(MAIN, _alone(scene, MAIN, scene, scene.start))}
+    for one in scene.cables:
+        key = f"cables.{one.name}"
+        placed[one.name] = Strand(one.name, _alone(scene, one.name, one, one.start), key)
     branches = {one.name: one for one in scene.branches}
     parents = {one.name: one.from_ for one in scene.branches}
-    ordered = in_order(parents, (MAIN, *(one.name for one in scene.cables)))
+    ordered = in_order(parents, tuple(placed))
     for name in ordered:
         one = branches[name]
         parent = placed[one.from_].scene
         along = _along(parent)
-        direction = one.direction if any(one.direction) else along
         place = _moved(parent.start, one.at * parent.cable.length, along)
-        start = End(position=place, fixed=(False, False, False), tangent=direction)
-        key = f"branches.{one.name}"
-        part = _strand(scene, one.name, key, one.cable, one.discretization, start, one.end)
-        placed[one.name] = replace(
-            part,
-            parent=one.from_,
-            at=one.at,
-            direction=one.direction,
-            joint=one.joint,
-            joint_stiffness=one.joint_stiffness,
-        )
+        tangent = one.direction if any(one.direction) else along
+        start = End(position=place, fixed=(False, False, False), tangent=tangent)
+        joint = (one.from_, one.at, one.direction, one.joint, one.joint_stiffness)
+        own = _alone(scene, name, one, start)
+        placed[name] = Strand(name, own, f"branches.{name}", *joint)
     of_main = [name for name in ordered if root_of(name, parents) == MAIN]
     names = dict.fromkeys((MAIN, *of_main, *placed))
     return tuple(placed[name] for name in names)
 
 
-def _strand(
-    scene: Any, name: str, key: str, cable: Cable, spline: Any, start: End, end: End
-) -> Strand:
-    """A strand without what a branch has besides."""
-    start, end = (
-        replace(one, joined="", joined_at=0.0, joint="rigid", joint_stiffness=0.0)
-        for one in (start, end)
-    )
+def _alone(scene: Any, name: str, of: Any, start: End) -> Any:
+    """The scene of one cable of a net, which has a cable, a discretization and an end."""
+    apart: dict[str, Any] = {
+        "joined": "",
+        "joined_at": 0.0,
+        "joint": "rigid",
+        "joint_stiffness": 0.0,
+    }
+    points = of.discretization.control_points
     own = replace(
         scene,
-        cable=replace(cable, bore=scene.hose.bore),
-        discretization=replace(scene.discretization, control_points=spline.control_points),
-        start=start,
-        end=end,
+        cable=replace(of.cable, bore=scene.hose.bore),
+        discretization=replace(scene.discretization, control_points=points),
+        start=replace(start, **apart),
+        end=replace(of.end, **apart),
         loads=tuple(replace(one, on=MAIN) for one in scene.loads if one.on == name),
         grasps=tuple(replace(one, on=MAIN) for one in scene.grasps if one.on == name),
         branches=(),
         cables=(),
         connectors=(),
     )
-    if key and not (end.held or end.driven):
-        far = _moved(start, cable.length, _along(own))
-        own = replace(own, end=replace(end, position=far, offset=ORIGIN))
-    return Strand(name, own, key)
+    if name == MAIN or own.end.held:
+        return own
+    far = _moved(start, own.cable.length, _along(own))
+    return replace(own, end=replace(own.end, position=far, offset=ORIGIN))
 
 
 def _along(scene: Any) -> Vector:
@@ -355,10 +347,9 @@ def references(scene: Any) -> Conflicts:
     seen: dict[str, str] = {}
     for group in ("grasps", "obstacles", "branches", "cables", "connectors"):
         for one in getattr(scene, group):
-            if seen.setdefault(one.name, group) != group:
-                words = {"branches": "a branch", "obstacles": "an obstacle"}
-                other = words.get(seen[one.name], f"a {seen[one.name][:-1]}")
-                problem = f"is the name of {other} too; rename one of them"
+            other = seen.setdefault(one.name, group)
+            if other != group:
+                problem = f"is a name in {other}.names too; rename one of them"
                 yield f"{group}.names", one.name, problem
     known = (MAIN, *(one.name for one in scene.branches), *(one.name for one in scene.cables))
     for group in ("loads", "grasps", "connectors"):

@@ -332,14 +332,14 @@ HAND = {"grasps.names": ["hand"]}
         ),
         ({"branches.names": ["a", "a"]}, "branches.names: 'a' is there twice"),
         ({"branches.names": ["cable"]}, "branches.names: 'cable' is not a name"),
-        ({**A, "cables.names": ["a"]}, "cables.names: 'a' is the name of a branch too; rename"),
+        ({**A, "cables.names": ["a"]}, "cables.names: 'a' is a name in branches.names too; ren"),
         (
             {**A, "grasps.names": ["a"]},
-            "branches.names: 'a' is the name of a grasp too; rename one of them",
+            "branches.names: 'a' is a name in grasps.names too; rename one",
         ),
         (
             {**PLUG, "obstacles.names": ["plug"]},
-            "connectors.names: 'plug' is the name of an obstacle too",
+            "connectors.names: 'plug' is a name in obstacles.names too",
         ),
         ({"branches.a.cable.length": 1}, "branches.a.cable.length: 1 belongs to a name that is"),
         ({**A, "branches.a.cable.lenght": 1}, "did you mean branches.a.cable.length?"),
