@@ -63,7 +63,6 @@ from dlo_sim.engine.band import (
     add_lines,
     add_springs,
     balance_border,
-    bordered,
     clamps_here,
     clear_band,
     clear_held,

@@ -238,8 +238,14 @@ class Scene:
 
     @property
     def passes_roll(self) -> bool:
-        """Whether a joint or a connector carries the roll of a cable over."""
-        return bool(self.connectors) or any(joint.kind != "hinged" for joint in self.joints)
+        """Whether a connector, or a joint that closes a loop or leads across the line of a cable,
+        carries the roll over. One in line adds length, which needs no twist.
+        """
+        across = {one.name for one in self.branches if any(one.direction)}
+        turning = any(one.joint == "rigid" for one in self.connectors)
+        return turning or any(
+            one.kind != "hinged" and (one.loop or one.strand in across) for one in self.joints
+        )
 
     @property
     def shaped(self) -> bool:

@@ -108,7 +108,8 @@ class Connector(Group):
         mass: Its mass, which has to be given.
         center: Its centre of mass, in its axes.
         inertia: Moments of inertia about its x, y and z axes through the centre of mass, which have
-            to be given, since it turns with the cable.
+            to be given, since it turns.
+        joint: rigid: it turns with the cable; hinged: it hangs on its origin.
         shape: Shape with which it touches obstacles and cables, centred at `center`; none = it
             touches nothing.
         size: Extent along its x, y and z axes. A sphere has the diameter x; a capsule about its x
@@ -122,6 +123,7 @@ class Connector(Group):
     mass: float = parameter(0.0, "kg", (0.0, 1.0e4))
     center: Vector = parameter(ORIGIN, "m", (-1.0e3, 1.0e3))
     inertia: Vector = parameter(ORIGIN, "kg m^2", (0.0, 1.0e9))
+    joint: str = parameter("rigid", choices=("rigid", "hinged"), read_only=True)
     shape: str = parameter("none", choices=("none", "sphere", "capsule", "box"))
     size: Vector = parameter(ORIGIN, "m", (0.0, 1.0e3))
     frame: str = parameter("", read_only=True)

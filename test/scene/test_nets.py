@@ -227,14 +227,16 @@ FAR_END = f"a.end.fixed: {TRUE}, a.end.position: [1, 0, 0.5]"
 @pytest.mark.parametrize(
     ("text", "model"),
     [
-        ("a", "bishop"),
-        (f"start.clamped: true, {FAR_END}, a.end.clamped: true", "bishop"),
+        ("a", ""),  # goes on along its parent
+        ("a.direction: [0, 1, 0]", "bishop"),
+        (f"start.clamped: true, {FAR_END}, a.end.clamped: true", "quasistatic"),
         (HINGED, ""),
         (f"{HINGED}, {FAR_END}, a.end.clamped: true", "quasistatic"),
         ("a.joint: hinged, terms.twist: off", ""),
-        ("a.joint: elastic, a.joint_stiffness: 1.0", "bishop"),
+        ("a.joint: elastic, a.joint_stiffness: 1.0, a.direction: [0, 1, 0]", "bishop"),
         (f"c, end.fixed: {TRUE}", ""),  # it would hang taut in a plane if it were alone
         ("plug", "bishop"),
+        ("plug.joint: hinged", ""),
         ("end.joined: cable", "bishop"),
         ("end.joined: cable, end.joint: hinged", ""),
     ],
@@ -357,10 +359,10 @@ TWICE = "end.joined: c, end.joined_at: 1, c.end.joined: cable, c.end.joined_at: 
         # what nets do not support
         ("a, terms.stretch: off", "terms.stretch: 'off' is not available for a net of cables; set"),
         ("a, terms.out_of_plane: off", "terms.out_of_plane: 'off' is not available for a net"),
-        ("a, terms.twist: off", "terms.twist: 'off' takes no roll from one cable to another"),
-        ("a, terms.twist: frenet", "terms.twist: 'frenet' takes no roll from one cable to another"),
+        ("a.direction: [0, 1, 0], terms.twist: off", "terms.twist: 'off' takes no roll from one cable to another"),
+        ("a.direction: [0, 1, 0], terms.twist: frenet", "terms.twist: 'frenet' takes no roll from one cable to another"),
         ("plug, terms.twist: off", "terms.twist: 'off' takes no roll from one cable to another"),
-        ("a, terms.bend: off", "terms.bend: 'off' takes no roll from one cable to another"),
+        ("a.direction: [0, 1, 0], terms.bend: off", "terms.bend: 'off' takes no roll from one cable to another"),
         ("a, plasticity.yield_curvature: 1", "yield_curvature: 1.0 is not available for a net"),
         ("a, hose.pressure: 1e5, hose.bore: 0.002", "hose.pressure: 100000.0 Pa is not available"),
         ("a, hand.slides: true", "grasps.hand.slides: true is not available for a net of cables"),
