@@ -63,7 +63,6 @@ from dlo_sim.engine.band import (
     add_lines,
     add_springs,
     balance_border,
-    bordered,
     clamps_here,
     clear_band,
     clear_held,
@@ -854,12 +853,10 @@ def allowed_error(balance, tolerance, inertia, room):
 @inline
 def may_keep(cable, a):
     """Whether a step may start with the matrix of an earlier one: it has the same factor a of the
-    mass, no wait is due (`judge_matrix`), and there are no border rows, whose part of the
-    factorisation is in working memory and so is lost after its step.
+    mass, and no wait is due (`judge_matrix`).
     """
     balance = cable.state.balance
-    made = balance.matrix_weight == a
-    return made and balance.matrix_wait == 0.0 and bordered(cable) == 0
+    return balance.matrix_weight == a and balance.matrix_wait == 0.0
 
 
 @inline
@@ -922,6 +919,8 @@ def try_step(cable, method, t0, tau, whole, level, careful, predicts):
     stretched = False  # whether the last correction may have stretched the cable
     stiff = False  # whether a correction stretched the cable more than Broyden's may
     work.results.coupled = IN_STATE
+    if not linearize:  # what border rows need is in working memory, and so lost after a step
+        solve_border(cable, cable.state.matrix, 0.5)
     made = 0  # iteration in which the matrix was factorised, 0: in an earlier step
     slope = 0.0  # residual . correction before the last correction
     share = 1.0  # of the last correction that x contains

@@ -21,12 +21,14 @@ from typing import Any
 from dlo_sim.scene.cable import NO_SURFACE, Cable, Damping, Hose, Plasticity, Torsion, Water
 from dlo_sim.scene.holders import End, Grasp, Holder, Load
 from dlo_sim.scene.nets import (
+    LARGEST_STRETCH,
     MAIN,
     Branch,
     Connector,
     FurtherCable,
     Joint,
     Strand,
+    arrangement,
     ends_of,
     in_order,
     joints_of,
@@ -65,7 +67,6 @@ NAMED: dict[str, Names] = {
     "connectors": (MAIN, "start", "end", "itself"),
 }
 _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
-_LARGEST_STRETCH = 2.0  # distance of held ends, in lengths, above which it is surely a mistake
 # Parameters of the node, not of the scene, that a scene file may contain.
 _NODE_KEYS = re.compile(
     r"(use_sim_time|start_type_description_service|qos_overrides\..*|lifecycle|cables)"
@@ -144,10 +145,14 @@ class Scene:
     @property
     def assumptions(self) -> tuple[str, ...]:
         """One line for each assumption about the cable and the water around it."""
-        if self.water.density == 0.0 or self.water_surface is not None:
-            return self.cable.assumptions
-        everywhere = f"so that there is water of {self.water.density:g} kg/m^3 everywhere"
-        return (*self.cable.assumptions, f"water.level: not given, {everywhere}")
+        lines: dict[str, str] = {}  # each, without the key of the strand, said once
+        for strand in self.strands:
+            for line in strand.scene.cable.assumptions:
+                lines.setdefault(line, strand.key_of(line))
+        if self.water.density and self.water_surface is None:
+            everywhere = f"so that there is water of {self.water.density:g} kg/m^3 everywhere"
+            lines["water"] = f"water.level: not given, {everywhere}"
+        return tuple(lines.values())
 
     @property
     def water_surface(self) -> tuple[Vector, float] | None:
@@ -230,6 +235,17 @@ class Scene:
     def joints(self) -> tuple[Joint, ...]:
         """The joints of a net: those at which branches begin, then those of joined ends."""
         return joints_of(self)
+
+    @property
+    def passes_roll(self) -> bool:
+        """Whether a connector, or a joint that closes a loop or leads across the line of a cable,
+        carries the roll over. One in line adds length, which needs no twist.
+        """
+        across = {one.name for one in self.branches if any(one.direction)}
+        turning = any(one.joint == "rigid" for one in self.connectors)
+        return turning or any(
+            one.kind != "hinged" and (one.loop or one.strand in across) for one in self.joints
+        )
 
     @property
     def shaped(self) -> bool:
@@ -404,6 +420,8 @@ def _origins(parents: Mapping[str, str], cables: Names) -> dict[str, str]:
     """Key of a value that is that of another key unless it is given, and that key; in an order in
     which those come first from which others follow. SceneError for branches from nowhere.
     """
+    if not (parents or cables):
+        return {}
     members = [row.key for row in parameters_of(Cable(), "cable.")]
     origins = {f"cables.{name}.{key}": key for name in cables for key in members}
     prefix = {MAIN: "", **{name: f"cables.{name}." for name in cables}}
@@ -512,7 +530,7 @@ def _check(scene: Scene) -> None:
     _refuse(references(scene))
     for key, group, of in _groups(scene):
         check_group(key, group, of)
-    for rules in (_placement, _frames, _load_frames, _topics):
+    for rules in (_placement, arrangement, _frames, _load_frames, _topics):
         _refuse(rules(scene))
 
 
@@ -528,7 +546,8 @@ def _groups(scene: Scene) -> Iterator[tuple[str, Group, Scene]]:
     for member in fields(scene):
         value = getattr(scene, member.name)
         if isinstance(value, Group):
-            yield member.name, value, of[MAIN]
+            every = of.values() if member.name == "hose" else (of[MAIN],)
+            yield from ((member.name, value, one) for one in every)
         for one in value if member.name in NAMED else ():
             key = f"{member.name}.{one.name}"
             if isinstance(one, Group):
@@ -549,31 +568,36 @@ def check_group(key: str, group: Group, scene: Scene) -> None:
 
 def _placement(scene: Scene) -> Conflicts:
     """Ends that leave the first or the clamped direction undefined, or that are too far apart."""
-    start, end, length = scene.start, scene.end, scene.cable.length
-    gap = math.dist(start.position, end.position)
-    rigid = all(start.fixed) and all(end.fixed)
-    for name, held in scene.ends.items():
-        if gap == 0.0 and held.clamped and not any(held.tangent):
-            problem = "gives no direction, since both ends are at the same place; give a direction"
-            yield f"{name}.tangent", held.tangent, problem
-    if gap == 0.0 and (scene.initial.shape == "straight" or not rigid):
-        what = "equals start.position, so a straight cable has no direction"
-        yield "end.position", end.position, f"{what}; move it or start.position apart"
-    if rigid and gap > _LARGEST_STRETCH * length and not (start.driven or end.driven):
-        what = f"is {gap:g} m from start.position, but the cable is only {length:g} m long"
-        cure = "move the ends together or lengthen cable.length"
-        yield "end.position", end.position, f"{what}; {cure}"
+    cables: list[tuple[str, Scene | FurtherCable]] = [("", scene)]
+    cables += [(f"cables.{one.name}.", one) for one in scene.cables]
+    for prefix, of in cables:
+        start, end, length = of.start, of.end, of.cable.length
+        gap = math.dist(start.position, end.position)
+        rigid = all(start.fixed) and all(end.fixed)
+        for name, held in (("start", start), ("end", end)):
+            if gap == 0.0 and held.clamped and not any(held.tangent):
+                what = "gives no direction, since both ends are at the same place"
+                yield f"{prefix}{name}.tangent", held.tangent, f"{what}; give a direction"
+        first, last = f"{prefix}start.position", f"{prefix}end.position"
+        if gap == 0.0 and (scene.initial.shape == "straight" or not rigid):
+            what = f"equals {first}, so a straight cable has no direction"
+            yield last, end.position, f"{what}; move it or {first} apart"
+        if rigid and gap > LARGEST_STRETCH * length and not (start.driven or end.driven):
+            what = f"is {gap:g} m from {first}, but the cable is only {length:g} m long"
+            cure = f"move the ends together or lengthen {prefix}cable.length"
+            yield last, end.position, f"{what}; {cure}"
 
 
 def _frames(scene: Scene) -> Conflicts:
     """A frame of two end effectors or connectors, or of one and the world."""
     seen = {scene.frame_id: "frame_id"}
-    framed = [(f"{name}.frame", holder.frame) for name, holder in scene.holder_keys()]
-    framed += [(f"connectors.{one.name}.frame", one.frame) for one in scene.connectors]
-    for key, frame in framed:
+    frames = [(name, holder.frame) for name, holder in scene.holder_keys()]
+    frames += [(f"connectors.{one.name}", one.frame) for one in scene.connectors]
+    for name, frame in frames:
+        key = f"{name}.frame"
         if frame and seen.setdefault(frame, key) != key:
-            kind = "connector" if key.startswith("connectors.") else "end-effector"
-            yield key, frame, f"is also {seen[frame]}; give the {kind}'s own frame"
+            problem = f"is also {seen[frame]}; give the end-effector's own frame"
+            yield key, frame, problem
 
 
 def _load_frames(scene: Scene) -> Conflicts:
@@ -620,7 +644,8 @@ def check_added(scene: Scene, obstacle: Obstacle) -> None:
     for row in parameters_of(obstacle, f"obstacles.{obstacle.name}."):
         check_value(row, row.default)
     taken = set(scene.holders) | {one.name for one in scene.bodies}
-    taken |= {strand.name for strand in scene.strands} | {one.name for one in scene.connectors}
+    named = (scene.branches, scene.cables, scene.connectors)
+    taken |= {one.name for group in named for one in group}
     if obstacle.name in taken:
         raise refusal("obstacles", obstacle.name, "is there already; remove it before")
     if obstacle.name in NAMED["obstacles"]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.refusal import SceneError
+from dlo_sim.scene.refusal import SceneError, refusal
 from dlo_sim.scene.terms import (
     IMPLICIT_METHODS,
     KEEPING_LENGTH,
@@ -163,6 +164,9 @@ def _warning_of_plane(axes: tuple[int, ...]) -> str:
 
 def check_terms(scene: Scene, needs: Needs) -> None:
     """Raise SceneError for terms, and combinations of them, that have no meaning here."""
+    if scene.is_net:
+        for key, value, problem in _no_net(scene, needs):
+            raise refusal(key, value, problem)
     if scene.terms.contact == "on" and not (scene.bodies or scene.contact.markers):
         raise SceneError("terms.contact: 'on' needs obstacles; name one in obstacles.names")
     slides = next((one.name for one in scene.grasps if one.slides), "")
@@ -190,11 +194,35 @@ def check_terms(scene: Scene, needs: Needs) -> None:
         raise SceneError(
             "terms.plasticity: bends nothing, since terms.bend is off; set one of them"
         )
-    if any(scene.cable.rest_twist) and "bishop" not in needs:
-        raise SceneError(
-            f"cable.rest_twist: {list(scene.cable.rest_twist)} needs the twist that acts on the "
-            "shape; set terms.twist to auto"
-        )
+    for strand in scene.strands:
+        twist = strand.scene.cable.rest_twist
+        if any(twist) and "bishop" not in needs:
+            raise SceneError(
+                f"{strand.key_of('cable')}.rest_twist: {list(twist)} needs the twist that acts on "
+                "the shape; set terms.twist to auto"
+            )
+
+
+def _no_net(scene: Scene, needs: Needs) -> Iterator[tuple[str, object, str]]:
+    """What nets do not support yet: keys, values, and why not, with the cure."""
+    none, auto = "is not available for a net of cables", "set it to auto"
+    for name in ("stretch", "out_of_plane"):
+        if getattr(scene.terms, name) == "off":
+            yield f"terms.{name}", "off", f"{none}; {auto}"
+    if "plasticity" in needs:
+        yield "plasticity.yield_curvature", scene.plasticity.yield_curvature, f"{none}; set it to 0"
+    if scene.hose.pressure:
+        yield "hose.pressure", scene.hose.pressure, f"Pa {none}; set it to 0"
+    for one in scene.grasps:
+        if one.slides:
+            yield f"grasps.{one.name}.slides", True, f"{none}; set it to false"
+    implicit = scene.integrator.method in IMPLICIT_METHODS  # others are refused by themselves
+    if scene.passes_roll and "bishop" not in needs and implicit:
+        why = "takes no roll from one cable to another, as rigid and elastic joints and connectors"
+        hinge = "or make all joints hinged, without connectors"
+        if scene.terms.twist in ("off", "frenet"):
+            yield "terms.twist", scene.terms.twist, f"{why} do; {auto}, {hinge}"
+        yield "terms.bend", scene.terms.bend, f"{why} do, unless the cables bend; {auto}, {hinge}"
 
 
 def inextensible(scene: Scene) -> bool:
@@ -243,7 +271,8 @@ def _twist_model(scene: Scene) -> str:
     if _no_twist(scene)[0]:
         return "off"
     held = any(holder.holds_roll for holder in scene.holders.values())
-    return "quasistatic" if held and not scene.may_roll else "bishop"
+    still = held and not scene.may_roll and not scene.passes_roll
+    return "quasistatic" if still else "bishop"
 
 
 def _no_twist(scene: Scene) -> tuple[str, str]:
@@ -255,9 +284,15 @@ def _no_twist(scene: Scene) -> tuple[str, str]:
         return "the cable does not resist bending, by which twist acts on the shape", "let it bend"
     if scene.terms.out_of_plane == "off":
         return "in a plane it does not act on the shape", "set terms.out_of_plane to auto"
-    if any(holder.holds_roll for holder in scene.holders.values()) or any(scene.cable.rest_twist):
+    held = any(holder.holds_roll for holder in scene.holders.values())
+    if held or _twisted_at_rest(scene) or scene.passes_roll:
         return "", ""
     return "nothing holds the roll of the cable, so that a moment only spins it", ""
+
+
+def _twisted_at_rest(scene: Scene) -> bool:
+    """Whether any cable is twisted while it is unloaded."""
+    return any(any(cable.rest_twist) for cable in scene.materials)
 
 
 def _warning_of_twist(scene: Scene) -> str:
@@ -280,9 +315,10 @@ def _twists(scene: Scene, axes: tuple[int, ...]) -> bool:
         return moment or (scene.is_rolled and scene.terms.twist == "off")
     comes = any(load.type == "wrench" and load.signal == "none" for load in scene.loads)
     held = sum(holder.holds_roll for holder in scene.holders.values())
-    bent = scene.cable.shaped or scene.is_plastic
+    bent = scene.shaped or scene.is_plastic
     sprung = any(holder.roll_spring for holder in scene.holders.values())
-    twisted = held > 1 or sprung or (held == 1 and bent) or any(scene.cable.rest_twist)
+    twisted = held > 1 or sprung or (held == 1 and bent) or _twisted_at_rest(scene)
+    twisted = twisted or scene.passes_roll
     return moment or twisted or (comes and _twist_model(scene) != "off")
 
 
@@ -319,7 +355,7 @@ def _axes(scene: Scene, continues: bool) -> tuple[tuple[int, ...], bool]:
     framed = scene.terms.twist in ("frenet", "bishop", "quasistatic")
     twisted = scene.is_rolled or any(scene.cable.rest_twist)
     rolled = scene.terms.twist == "auto" and switch != "off" and twisted
-    in_space = switch == "on" or framed or rolled or scene.is_plastic
+    in_space = scene.is_net or switch == "on" or framed or rolled or scene.is_plastic
     free_to_leave = (
         any(load.signal == "none" for load in scene.loads)
         or scene.is_driven
@@ -345,7 +381,14 @@ def mirrors(scene: Scene) -> list[float]:
     """1 for each world axis normal to a plane in which all ends and grasps lie, and across which
     nothing acts, else 0: nothing in the scene decides to which side of it the cable falls.
     """
-    leave = (_ends_leave(scene, axis) or _forces_leave(scene, axis) for axis in _SPACE)
+    if any(any(one.center[1:]) for one in scene.connectors):
+        return [0.0] * 3
+    scenes = [strand.scene for strand in scene.strands]
+    starts = [np.add(one.start.position, one.start.offset) for one in scenes]
+    leave = np.any(np.not_equal(starts, starts[0]), axis=0)
+    leave |= np.any([one.direction for one in scene.strands], axis=0)
+    for one in scenes:
+        leave |= [_ends_leave(one, axis) or _forces_leave(one, axis) for axis in _SPACE]
     return [0.0 if leaves else 1.0 for leaves in leave]
 
 

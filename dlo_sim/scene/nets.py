@@ -5,19 +5,20 @@ cable, with a joint or a connector, is a net. `strands_of` takes it apart into s
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 from dlo_sim.scene.cable import Cable
-from dlo_sim.scene.holders import JOINTS, End, joint_conflicts
+from dlo_sim.scene.holders import JOINTS, End, Holder, joint_conflicts
 from dlo_sim.scene.obstacles import Obstacle
 from dlo_sim.scene.parameter import ORIGIN, Group, Names, Vector, off_unit, parameter
 from dlo_sim.scene.refusal import Rules, nearest, refusal, shown
 
 MAIN = "cable"  # name of the main cable
 Conflicts = Iterator[tuple[str, object, str]]
-_LARGEST_STRETCH = 2.0  # distance of held places, in lengths between, that is surely a mistake
+LARGEST_STRETCH = 2.0  # distance of held places, in lengths between, that is surely a mistake
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,8 @@ class Connector(Group):
         mass: Its mass, which has to be given.
         center: Its centre of mass, in its axes.
         inertia: Moments of inertia about its x, y and z axes through the centre of mass, which have
-            to be given, since it turns with the cable.
+            to be given, since it turns.
+        joint: rigid: it turns with the cable; hinged: it hangs on its origin.
         shape: Shape with which it touches obstacles and cables, centred at `center`; none = it
             touches nothing.
         size: Extent along its x, y and z axes. A sphere has the diameter x; a capsule about its x
@@ -122,6 +124,7 @@ class Connector(Group):
     mass: float = parameter(0.0, "kg", (0.0, 1.0e4))
     center: Vector = parameter(ORIGIN, "m", (-1.0e3, 1.0e3))
     inertia: Vector = parameter(ORIGIN, "kg m^2", (0.0, 1.0e9))
+    joint: str = parameter("rigid", choices=("rigid", "hinged"), read_only=True)
     shape: str = parameter("none", choices=("none", "sphere", "capsule", "box"))
     size: Vector = parameter(ORIGIN, "m", (0.0, 1.0e3))
     frame: str = parameter("", read_only=True)
@@ -189,8 +192,9 @@ class Strand:
     Attributes:
         name: `cable` for the main one.
         scene: the `Scene` of this cable alone: with its loads and grasps, as if on the main cable,
-            without joints; all else as in the net. The start of a branch is free there. Where
-            nothing holds an end, its position is that with all cables straight.
+            without joints; all else as in the net. The start of a branch is free there, and
+            its tangent the direction in which it leaves. Where nothing holds an end, its position
+            is that with all cables straight.
         key: of its block of parameters, `branches.a`; empty for the main cable.
         parent: name of the strand that a branch begins at; empty if it begins at none.
         at, direction, joint, joint_stiffness: as those of the branch.
@@ -258,61 +262,53 @@ def strands_of(scene: Any) -> tuple[Strand, ...]:
     """
     if not scene.is_net:
         return (Strand(MAIN, scene),)
-    start, end = scene.start, scene.end
-    parts = [_strand(scene, MAIN, "", scene.cable, scene.discretization, start, end)]
-    for own in scene.cables:
-        of = (own.cable, own.discretization, own.start, own.end)
-        parts.append(_strand(scene, own.name, f"cables.{own.name}", *of))
-    placed = {part.name: part for part in parts}
+    placed = {MAIN: Strand(MAIN, _alone(scene, MAIN, scene, scene.start))}
+    for one in scene.cables:
+        key = f"cables.{one.name}"
+        placed[one.name] = Strand(one.name, _alone(scene, one.name, one, one.start), key)
     branches = {one.name: one for one in scene.branches}
     parents = {one.name: one.from_ for one in scene.branches}
-    ordered = in_order(parents, (MAIN, *(one.name for one in scene.cables)))
+    ordered = in_order(parents, tuple(placed))
     for name in ordered:
         one = branches[name]
         parent = placed[one.from_].scene
         along = _along(parent)
-        direction = one.direction if any(one.direction) else along
         place = _moved(parent.start, one.at * parent.cable.length, along)
-        start = End(position=place, fixed=(False, False, False), tangent=direction)
-        key = f"branches.{one.name}"
-        part = _strand(scene, one.name, key, one.cable, one.discretization, start, one.end)
-        placed[one.name] = replace(
-            part,
-            parent=one.from_,
-            at=one.at,
-            direction=one.direction,
-            joint=one.joint,
-            joint_stiffness=one.joint_stiffness,
-        )
+        tangent = one.direction if any(one.direction) else along
+        start = End(position=place, fixed=(False, False, False), tangent=tangent)
+        joint = (one.from_, one.at, one.direction, one.joint, one.joint_stiffness)
+        own = _alone(scene, name, one, start)
+        placed[name] = Strand(name, own, f"branches.{name}", *joint)
     of_main = [name for name in ordered if root_of(name, parents) == MAIN]
     names = dict.fromkeys((MAIN, *of_main, *placed))
     return tuple(placed[name] for name in names)
 
 
-def _strand(
-    scene: Any, name: str, key: str, cable: Cable, spline: Any, start: End, end: End
-) -> Strand:
-    """A strand without what a branch has besides."""
-    start, end = (
-        replace(one, joined="", joined_at=0.0, joint="rigid", joint_stiffness=0.0)
-        for one in (start, end)
-    )
+def _alone(scene: Any, name: str, of: Any, start: End) -> Any:
+    """The scene of one cable of a net, which has a cable, a discretization and an end."""
+    apart: dict[str, Any] = {
+        "joined": "",
+        "joined_at": 0.0,
+        "joint": "rigid",
+        "joint_stiffness": 0.0,
+    }
+    points = of.discretization.control_points
     own = replace(
         scene,
-        cable=cable,
-        discretization=replace(scene.discretization, control_points=spline.control_points),
-        start=start,
-        end=end,
+        cable=replace(of.cable, bore=scene.hose.bore),
+        discretization=replace(scene.discretization, control_points=points),
+        start=replace(start, **apart),
+        end=replace(of.end, **apart),
         loads=tuple(replace(one, on=MAIN) for one in scene.loads if one.on == name),
         grasps=tuple(replace(one, on=MAIN) for one in scene.grasps if one.on == name),
         branches=(),
         cables=(),
         connectors=(),
     )
-    if key and not (end.held or end.driven):
-        far = _moved(start, cable.length, _along(own))
-        own = replace(own, end=replace(end, position=far, offset=ORIGIN))
-    return Strand(name, own, key)
+    if name == MAIN or own.end.held:
+        return own
+    far = _moved(start, own.cable.length, _along(own))
+    return replace(own, end=replace(own.end, position=far, offset=ORIGIN))
 
 
 def _along(scene: Any) -> Vector:
@@ -363,10 +359,9 @@ def references(scene: Any) -> Conflicts:
     seen: dict[str, str] = {}
     for group in ("grasps", "obstacles", "branches", "cables", "connectors"):
         for one in getattr(scene, group):
-            if seen.setdefault(one.name, group) != group:
-                words = {"branches": "branch"}
-                other = words.get(seen[one.name], seen[one.name][:-1])
-                problem = f"is the name of a {other} too; rename one of them"
+            other = seen.setdefault(one.name, group)
+            if other != group:
+                problem = f"is a name in {other}.names too; rename one of them"
                 yield f"{group}.names", one.name, problem
     known = (MAIN, *(one.name for one in scene.branches), *(one.name for one in scene.cables))
     for group in ("loads", "grasps", "connectors"):
@@ -379,3 +374,82 @@ def references(scene: Any) -> Conflicts:
         if (end.joined, end.joined_at) == (name, place):
             cure = f"give another place, {1.0 - place:g} for a ring"
             yield f"{key}.joined_at", end.joined_at, f"is this end itself; {cure}"
+
+
+def arrangement(scene: Any) -> Conflicts:
+    """Joints and connectors at one place, joints in clamps, and loops that are too short."""
+    seen: dict[object, str] = {}
+    for joint in scene.joints:
+        other = seen.setdefault(frozenset(joint.places), joint.key)
+        if other != joint.key:
+            problem = f"is the joint of {other} again; remove one of them"
+            yield f"{joint.key}.joined", joint.other, problem
+    for one in scene.connectors:
+        other = seen.setdefault((one.on, one.at), one.name)
+        if other != one.name:
+            problem = f"is where connectors.{other} is; give another place, or one body for both"
+            yield f"connectors.{one.name}.at", one.at, problem
+    held = list(_held_places(scene))
+    for joint in scene.joints:
+        yield from _clamped(scene, joint, held) if joint.kind != "hinged" else ()
+    yield from _too_far(scene, held)
+
+
+def _held_places(scene: Any) -> Iterator[tuple[str, tuple[str, float], Holder]]:
+    """Ends and grasps: their key, the place that they hold (strand, 0 to 1), and what they are."""
+    yield from ((key, (name, place), end) for name, key, place, end in ends_of(scene))
+    for one in scene.grasps:
+        if one.at >= 0.0:  # else it takes the cable where it finds it
+            yield f"grasps.{one.name}", (one.on, one.at), one
+
+
+def _clamped(
+    scene: Any, joint: Joint, held: Sequence[tuple[str, tuple[str, float], Holder]]
+) -> Conflicts:
+    """A joint that holds the direction where a clamp or a jaw does."""
+    lengths = {strand.name: strand.scene.cable.length for strand in scene.strands}
+    for key, (strand, at), holder in held:
+        for own, (on, place) in enumerate(reversed(joint.places)):
+            reach = holder.jaw if isinstance(holder, End) else 0.5 * holder.jaw
+            away = abs(place - at) * lengths[strand]
+            if on != strand or not holder.clamped or (away >= reach and away > 0.0):
+                continue
+            clamp = f"jaw of {holder.jaw:g} m" if holder.jaw else "clamp"
+            where = f"{joint.key}.{'joined_at' if joint.loop else 'at'}", joint.at
+            problem = f"is {away:g} m from {key}, whose {clamp} holds the direction there, too"
+            if own:  # at the end that is joined, near which only a grasp can hold
+                where = f"{key}.at", at
+                problem = f"is {away:g} m from the joint of {joint.key}, inside a {clamp}"
+            yield *where, f"{problem}; move one of them, or set {joint.key}.joint to hinged"
+
+
+def _too_far(scene: Any, held: Sequence[tuple[str, tuple[str, float], Holder]]) -> Conflicts:
+    """Resting ends that the cables between them cannot reach, even if they are stretched."""
+    points = {
+        place: (key, [a + b for a, b in zip(one.position, one.offset, strict=True)])
+        for key, place, one in held
+        if isinstance(one, End) and all(one.fixed) and not one.driven
+    }
+    lengths = {strand.name: strand.scene.cable.length for strand in scene.strands}
+    places = dict.fromkeys([*points, *(place for one in scene.joints for place in one.places)])
+    between = {
+        (a, b): abs(a[1] - b[1]) * lengths[a[0]] if a[0] == b[0] else math.inf
+        for a in places
+        for b in places
+    }  # least length of cable between two places, with the joints so far
+    for joint in (None, *scene.joints):
+        if joint:
+            p, q = joint.places
+            for (a, b), old in list(between.items()):
+                by_way = (between[a, p] + between[q, b], between[a, q] + between[p, b])
+                between[a, b] = min(old, *by_way)
+        for (a, (key, point)), (b, (other, there)) in combinations(points.items(), 2):
+            apart, length = math.dist(point, there), between[a, b]
+            if apart <= LARGEST_STRETCH * length:
+                continue
+            what = f"is {apart:g} m from {key}.position, but only {length:g} m of cable lie between"
+            cure = "move them together, or lengthen the cables"
+            if joint and joint.loop:
+                what = f"closes no loop: {other}.position {what}"
+                yield f"{joint.key}.joined", joint.other, f"{what}; {cure}"
+            yield f"{other}.position", tuple(there), f"{what}; {cure}"

@@ -228,6 +228,11 @@ class Restriction:
         return f"one of {', '.join(self.methods)}"
 
 
+def _names_of(group: str) -> Callable[[Scene], str]:
+    """The names of a group of blocks, in one text."""
+    return lambda scene: ", ".join(one.name for one in getattr(scene, group))
+
+
 _GROWING = ", since its negative sub-steps make damping grow"
 RESTRICTIONS = (
     Restriction(EXPLICIT, "terms.twist", "auto", only="frenet"),
@@ -274,7 +279,7 @@ RESTRICTIONS = (
         IMPLICIT,
         "grasps.names",
         "[]",
-        value=lambda scene: ", ".join(grasp.name for grasp in scene.grasps),
+        value=_names_of("grasps"),
     ),
     Restriction(
         IMPLICIT,
@@ -289,6 +294,16 @@ RESTRICTIONS = (
         value=lambda scene: " ".join(shown(one) for one in scene.cable.natural_shape if any(one)),
     ),
     Restriction(IMPLICIT, "measured.type", "none"),
+    *(
+        Restriction(IMPLICIT, f"{group}.names", "[]", value=_names_of(group))
+        for group in ("branches", "cables", "connectors")
+    ),
+    Restriction(
+        IMPLICIT,
+        "joined",
+        "''",
+        value=lambda scene: next((one.other for one in scene.joints if one.loop), ""),
+    ),
 )
 
 

@@ -123,7 +123,8 @@ class Curve:
         at the start is fixed in what holds the start, into out, shape (m, 7).
         """
         model, part = self._cable.model, self._part
-        body = next((one for one in model.bodies if (one.strand, one.u) == (part.name, 0.0)), None)
+        roots = (one for one in model.bodies if one.strand == part.name and one.u == 0.0)
+        body = next((one for one in roots if not one.alone), None)
         grasp, axis = (part.grasp, self._axis) if body is None else (-1, self._side_of(body))
         given = model.blank.copy(), *self._basis(u), time, grasp, axis, model.origin
         self._cable.call(curve_frames, *given, part.first if own else -1, out)

@@ -65,8 +65,8 @@ class Body(NamedTuple):
     Attributes:
         strand, u: where it is [m]. connector: None for that of a joint.
         frame: its directors as columns, as those of `Layout.drawn`. length: of its directors [m].
-        first: its first control point; points: origin, ends of e1, e2, e3; signs: -1 where a
-            director points from there to the origin.
+        first: its first control point; points: origin, ends of e1, e2, e3. alone: whether none of
+            them is of the strand. signs: -1 where a director points from there to the origin.
     """
 
     strand: str
@@ -76,7 +76,13 @@ class Body(NamedTuple):
     length: float
     first: int
     points: list[int]
-    signs: tuple[float, float, float]
+    alone: bool
+    signs: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    @property
+    def is_hinged(self) -> bool:
+        """Whether it hangs on its origin."""
+        return self.connector is not None and self.connector.joint == "hinged"
 
     def taken(self, other: Body, points: Array) -> Array:
         """Its control points where the other body has these, both (4, 3), or their velocities."""
@@ -162,7 +168,9 @@ class Layout(NamedTuple):
 
     def root(self, strand: str) -> Body:
         """The body in which a strand begins."""
-        return next(one for one in self.bodies if (one.strand, one.u) == (strand, 0.0))
+        return next(
+            one for one in self.bodies if (one.strand, one.u, one.alone) == (strand, 0.0, False)
+        )
 
 
 # -- what there is, and where -------------------------------------------------------------------
@@ -230,7 +238,12 @@ def layout_of(scene: Scene, geometries: Geometries, models: Mapping[str, Model])
     wanted: dict[tuple[str, float], Connector | None] = {
         (one.strand, 0.0): None for one in joins if one.rigid and not one.in_line
     }
-    wanted |= {(one.on, one.at * float(models[one.on].knots[-1])): one for one in scene.connectors}
+    hinged = [one for one in scene.connectors if one.joint == "hinged"]
+    wanted |= {
+        (one.on, one.at * float(models[one.on].knots[-1])): one
+        for one in scene.connectors
+        if one.joint == "rigid"
+    }
     parts, bodies, at, grasp = {}, [], 0, 0
     for strand in scene.strands:
         name, model = strand.name, models[strand.name]
@@ -241,20 +254,20 @@ def layout_of(scene: Scene, geometries: Geometries, models: Mapping[str, Model])
         parts[name] = part
         last = first + model.n - 1
         if begins:
-            points, signs = [first, first + 1, at, at + 1], (1.0, 1.0, 1.0)
+            points = [first, first + 1, at, at + 1]
             given = wanted[name, 0.0], frames[name], float(spans[0]) / 3.0, at
-            bodies.append(Body(name, 0.0, *given, points, signs))
+            bodies.append(Body(name, 0.0, *given, points, False))
         if ends:
-            points, signs = [last, last - 1, last + 1, last + 2], (-1.0, 1.0, 1.0)
+            points = [last, last - 1, last + 1, last + 2]
             given = wanted[name, length], frames[name], float(spans[-1]) / 3.0, last - 1
-            bodies.append(Body(name, length, *given, points, signs))
+            bodies.append(Body(name, length, *given, points, False, (-1.0, 1.0, 1.0)))
         at = last + 1 + OWN * ends
-        for (on, u), connector in wanted.items():
-            if on == name and 0.0 < u < length:
-                points, signs = [at, at + 1, at + 2, at + 3], (1.0, 1.0, 1.0)
-                size = float(spans.max()) / 3.0
-                bodies.append(Body(name, u, connector, frames[name], size, at, points, signs))
-                at += ALONE
+        amid = [(u, one) for (on, u), one in wanted.items() if on == name and 0.0 < u < length]
+        amid += [(one.at * length, one) for one in hinged if one.on == name]
+        for u, connector in amid:
+            points, size = [at, at + 1, at + 2, at + 3], float(spans.max()) / 3.0
+            bodies.append(Body(name, u, connector, frames[name], size, at, points, True))
+            at += ALONE
         grasp += len(names_of(strand))
     return Layout(parts, joins, tuple(bodies), at)
 
@@ -316,10 +329,12 @@ def joining(layout: Layout, dim: int) -> Iterator[Row | Point]:
             yield from rows_of(difference(place_at(part, join.u, 2), bend), dim)
     for body in layout.bodies:
         part = layout.parts[body.strand]
-        if 0.0 < body.u < part.length:
+        if body.alone:
             origin = np.eye(4)[body.points[0] - body.first].tolist()
             middle = Point(body.first, (origin[0], origin[1], origin[2], origin[3]))
             yield from rows_of(difference(place_at(part, body.u), middle), dim)
+            if body.is_hinged:
+                continue
             along = Point(body.first, body.weights(np.eye(3)[0]))
             yield from rows_of(difference(place_at(part, body.u, 1), along), dim)
 
@@ -345,6 +360,8 @@ def rolls_of(layout: Layout) -> list[Roll]:
             given = here, layout.bodies.index(body), here, turned[:, 0], turned[:, 1]
         found.append(Roll(*given, join.stiffness))
     for number, body in enumerate(layout.bodies):
+        if body.is_hinged:
+            continue
         here = place_at(layout.parts[body.strand], body.u)
         found.append(Roll(here, number, here, np.eye(3)[0], np.eye(3)[1], math.inf))
     return found

@@ -529,6 +529,8 @@ def press_warning(name: str, found: Contact, scene: Scene, finer: str) -> str:
 
 def out_of_reach(scene: Scene) -> dict[str, str]:
     """Obstacles that the cable cannot reach -> the reason, as in `Needs.left_out`."""
+    if scene.is_net:
+        return {}
     found = {f"obstacles.{one.name}": beyond_reach(scene, one) for one in scene.bodies}
     return {key: reason for key, reason in found.items() if reason}
 
