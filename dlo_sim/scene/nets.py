@@ -355,7 +355,7 @@ def ends_of(scene: Any) -> Iterator[tuple[str, str, float, End]]:
 
 
 def references(scene: Any) -> Conflicts:
-    """Names that stand for two things, or for no cable."""
+    """Names that stand for two things, or for no cable, and what nets have not."""
     seen: dict[str, str] = {}
     for group in ("grasps", "obstacles", "branches", "cables", "connectors"):
         for one in getattr(scene, group):
@@ -363,6 +363,9 @@ def references(scene: Any) -> Conflicts:
             if other != group:
                 problem = f"is a name in {other}.names too; rename one of them"
                 yield f"{group}.names", one.name, problem
+    if scene.is_net and scene.measured.type != "none":
+        problem = "corrects a single cable, not one of a net; give none"
+        yield "measured.type", scene.measured.type, problem
     known = (MAIN, *(one.name for one in scene.branches), *(one.name for one in scene.cables))
     for group in ("loads", "grasps", "connectors"):
         for one in getattr(scene, group):

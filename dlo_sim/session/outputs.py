@@ -301,7 +301,8 @@ class Outputs:
                 frames[one.frame] = np.concatenate(simulator.connector_pose(one.name))
         if not all(map(_finite, frames.values())):
             return None
-        return cdr.encode_transforms(stamp_ns, self._scene.frame_id, frames)
+        poses_of = {frame: pose.tolist() for frame, pose in frames.items()}
+        return cdr.encode_transforms(stamp_ns, scene.frame_id, poses_of)
 
 
 def _bodies(

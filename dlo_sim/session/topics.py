@@ -71,11 +71,13 @@ def output_topics(scene: Scene) -> dict[str, str]:
     """Topic -> ROS type of all outputs of a scene, in the order of publication."""
     topics = reactions(scene)
     free = {topics[name] for name, holder in scene.holders.items() if not holder.held}
-    asked = {of_strand(POINTS, strand): scene.outputs.points for strand in scene.strands}
-    asked |= {CAPSULES: scene.outputs.capsules, TF: _transforms(scene)}
+    asked = dict.fromkeys(
+        (of_strand(POINTS, strand) for strand in scene.strands), scene.outputs.points
+    )
+    asked |= {CAPSULES: scene.outputs.capsules > 0, TF: _transforms(scene)}
     asked[CONTACTS] = scene.touches or scene.touches_itself
     asked[CONNECTORS] = any(one.shape != "none" for one in scene.connectors)
-    asked |= dict.fromkeys((FORECAST, GHOSTS), scene.forecast.processes)
+    asked |= dict.fromkeys((FORECAST, GHOSTS), scene.forecast.processes > 0)
     free |= {topic for topic, wanted in asked.items() if not wanted}
     return {topic: kind for topic, kind in possible_outputs(scene).items() if topic not in free}
 
