@@ -99,7 +99,7 @@ class Forecast:
     @property
     def largest_curvature(self) -> float:
         """The largest curvature of all shapes [1/m], of any cable."""
-        return largest(CURVATURE, self.curvature, self.net) or 0.0
+        return max(largest(CURVATURE, self.curvature, self.net) or 0.0, 0.0)
 
 
 def checked_times(plan: Plan) -> Array:
