@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from dlo_sim.scene.description import Scene
@@ -89,7 +91,7 @@ def told(begin: float = 0.0, end: float = 0.5) -> list[tuple[str, int, bytes]]:
     return found
 
 
-def feed(session, begin: float = 0.0, end: float = 0.5, wanted=None) -> list:
+def feed(session: Any, begin: float = 0.0, end: float = 0.5) -> list[Any]:
     """Let a session hear that, tick at its rate, and give out what it publishes."""
     found, messages = [], told(begin, end)
     for now in sorted({stamp for _, stamp, _ in messages}):
@@ -97,5 +99,5 @@ def feed(session, begin: float = 0.0, end: float = 0.5, wanted=None) -> list:
             if stamp == now:
                 session.receive(topic, raw, now)
         session.tick(now)
-        found += session.messages(wanted)
+        found += session.messages()
     return found

@@ -366,6 +366,8 @@ def references(scene: Any) -> Conflicts:
     if scene.is_net and scene.measured.type != "none":
         problem = "corrects a single cable, not one of a net; give none"
         yield "measured.type", scene.measured.type, problem
+    if scene.is_net and scene.discretization.knots == "graded":
+        yield "discretization.knots", "graded", "is not available for a net of cables; set uniform"
     known = (MAIN, *(one.name for one in scene.branches), *(one.name for one in scene.cables))
     for group in ("loads", "grasps", "connectors"):
         for one in getattr(scene, group):

@@ -472,7 +472,8 @@ class Session:
             ("simulated time [s]", f"{simulator.time:.6f}"),
             ("step [s]", f"{simulator.step:.9g}"),
             ("method", simulator.method),
-            *_spline_values(simulator),
+            *_counts_of(simulator),
+            (KNOTS, _density(simulator.scene)),
             ("active terms", ", ".join(simulator.active_terms)),
             ("left out", left_out),
             ("warnings", "; ".join(warnings)),
@@ -506,12 +507,10 @@ class Session:
         self._next_look = 0  # step at which the estimate may have changed
 
 
-def _spline_values(simulator: Simulator) -> Iterator[tuple[str, str]]:
-    """Number of control points and knots of each cable."""
+def _counts_of(simulator: Simulator) -> Iterator[tuple[str, str]]:
+    """Numbers of control points, in words."""
     for strand, count in zip(simulator.scene.strands, _counts(simulator), strict=True):
-        of = f" of {strand.name}" * bool(strand.key)
-        yield f"control points{of}", str(count)
-        yield KNOTS + of, _density(strand.scene)
+        yield "control points" + f" of {strand.name}" * bool(strand.key), str(count)
 
 
 def _tension_values(simulator: Simulator) -> Iterator[tuple[str, str]]:

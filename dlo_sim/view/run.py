@@ -56,7 +56,6 @@ _OF_CONNECTORS = {"pose": "T7", "triangles": "k33"}
 _LINE = ".centerline"
 _TOUCHING = [name for name in _ARRAYS if name.startswith(("obstacle", "contact"))]
 _GIVE = "give the scene of that run"
-_Values = list[tuple[int, dict[str, str]]]  # stamps [ns], and the values of the diagnostics
 _LONGEST_FORCE = 0.15  # line of the largest contact force, in extents of the run
 
 
@@ -166,7 +165,9 @@ class Run:
     def extent(self) -> tuple[Array, Array]:
         """Lower and upper corner of the box in which all cables and connectors are [m]."""
         points = [cable.centerline.reshape(-1, 3) for cable in self.cables]
-        points += [body.poses[:, :3] for body in self.connectors if len(body.triangles)]
+        for body in (one for one in self.connectors if len(one.triangles)):
+            reach = np.linalg.norm(body.triangles, axis=-1).max()
+            points += [body.poses[:, :3] - reach, body.poses[:, :3] + reach]
         found = np.concatenate(points)
         return np.nanmin(found, axis=0), np.nanmax(found, axis=0)
 
@@ -335,7 +336,7 @@ def read_bag(
     try:
         bag = Bag(path)
         node = node or _only_node(path, bag)
-        states, forces, curves, told = _read(bag, node, origin_ns)
+        states, forces, curves, density = _read(bag, node, origin_ns)
         topics = {MAIN: f"{node}{_LAST}", **_further(bag, node)}
         others = {one: _states(bag, topics[one]) for one in topics if one != MAIN}
         shown, connectors = (_markers(bag, f"{node}{one[1:]}") for one in (CONTACTS, CONNECTORS))
@@ -344,7 +345,7 @@ def read_bag(
     stamps = np.array(sorted(states))
     strands = _strands(path, scene, others)
     main, *further = (
-        _in_bag(f"{path}: {topics[name]}", name, stamps, poses, strands[name], told)
+        _in_bag(f"{path}: {topics[name]}", name, stamps, poses, strands[name], density)
         for name, poses in {MAIN: states, **others}.items()
     )
     origin = stamps[0] if origin_ns is None else origin_ns
@@ -385,16 +386,16 @@ def _in_bag(
     stamps: NDArray[np.int64],
     states: dict[int, Array],
     scene: Scene | None,
-    told: _Values,
+    density: bspline.Grading,
 ) -> Cable:
-    """A cable from its states by their stamps."""
+    """A cable from its states by their stamps; the spans of a net are equal."""
     poses = _at(stamps, states)
     if poses.shape[1] < bspline.ACTIVE:
         raise RunError(
             f"{where} holds {poses.shape[1]} control points, a cable has "
             f"{bspline.ACTIVE} or more; give a bag of a run"
         )
-    knots = _knots(where, scene, poses.shape[1], _density(told, name))
+    knots = _knots(where, scene, poses.shape[1], density)
     u = np.linspace(0.0, knots[-1], _POINTS)
     points = poses[:, :, :3]
     good = np.all(np.abs(poses) <= _LARGEST, axis=(1, 2))
@@ -449,8 +450,8 @@ def _only_node(path: Path, bag: Bag) -> str:
 
 def _read(
     bag: Bag, node: str, origin_ns: int | None
-) -> tuple[dict[int, Array], dict[str, dict[int, Array]], tuple[Curve, ...], _Values]:
-    """Poses and forces by their stamps, and curves and values from the diagnostics."""
+) -> tuple[dict[int, Array], dict[str, dict[int, Array]], tuple[Curve, ...], bspline.Grading]:
+    """Poses and forces by their stamps, and curves and the grading from the diagnostics."""
     poses = f"{node}{_LAST}"
     before, _, after = f"{node}{REACTION.removeprefix('~')}".partition("{}")
     ends = {
@@ -471,7 +472,7 @@ def _read(
             mine = [dict(s.values) for s in statuses if s.name == f"{node}: session"]
             told += [(stamp_ns, values) for values in mine]
     origin = min(states) if origin_ns is None else origin_ns
-    return states, forces, tuple(_told(told, origin)), told
+    return states, forces, tuple(_told(told, origin)), _density(told)
 
 
 def _states(bag: Bag, topic: str) -> dict[int, Array]:
@@ -554,7 +555,7 @@ def _surroundings(stamps: NDArray[np.int64], shown: dict[int, Any]) -> dict[str,
     return {"bodies": tuple(bodies), "forces": tuple(forces), "looks": looks}
 
 
-def _told(told: _Values, origin_ns: int) -> list[Curve]:
+def _told(told: list[tuple[int, dict[str, str]]], origin_ns: int) -> list[Curve]:
     """Curves of the diagnostics."""
     curves = []
     keys = {_ENERGY: "energy", _ERROR: "error", _FORCE: "total", _CLEARANCE: "least"}
@@ -574,10 +575,10 @@ def _is_number(text: str) -> bool:
         return False
 
 
-def _density(told: _Values, name: str) -> bspline.Grading:
+def _density(told: list[tuple[int, dict[str, str]]]) -> bspline.Grading:
     """Grading of the knots of a cable of length 1, from the diagnostics."""
     for _, values in told:
-        words = values.get(KNOTS + f" of {name}" * (name != MAIN), "").split()
+        words = values.get(KNOTS, "").split()
         if len(words) == 3 and all(_is_number(word) and float(word) >= 0.0 for word in words):
             start, end, reach = map(float, words)
             return bspline.Grading(start, end, reach) if reach else bspline.EQUAL

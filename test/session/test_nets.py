@@ -179,9 +179,11 @@ def test_plan_moves_the_end_of_a_branch(ran):
     assert len(ghosts.points) == 5 * 4 * 2 * 49
 
 
-def test_measured_points_correct_no_net():
+def test_what_nets_have_not_is_refused():
     with pytest.raises(SceneError, match=r"^measured.type: 'point_cloud' corrects a single cable"):
         harness(**{"measured.type": "point_cloud"})
+    with pytest.raises(SceneError, match=r"^discretization.knots: 'graded' is not available for a"):
+        harness(**{"discretization.knots": "graded"})
 
 
 def test_jitter_of_arrivals_changes_no_bit():
