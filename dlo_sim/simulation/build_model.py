@@ -41,7 +41,7 @@ def build_model(
     holding = holding_of(scene, geometries, knots, axes, twist)
     curved = "bend" in needs and ("plasticity" in needs or scene.cable.shaped)
     pieces = pieces_of(scene) if "contact" in needs else (0, 0)
-    fields = fields_of(scene) if "contact" in needs else ()
+    fields = fields_of(scene, 0.5 * scene.cable.diameter) if "contact" in needs else ()
     segments = self_contact.segments_of(scene, knots) if "self_contact" in needs else 0
     sizes = sizes_of(
         terms=_terms(scene, needs, curved, holding),
@@ -263,7 +263,7 @@ class _Filling:
         mesh.guard[:] = to_blocks(guarding)
         mesh.bending[:] = to_blocks(model.bending_stiffness, beyond=cable.EI)
         mesh.torsional[:] = cable.GJ
-        mesh.strand[0] = 0, model.n
+        mesh.strand[0], mesh.length[0] = (0, model.n), model.knots[-1]
         mesh.number[:] = to_blocks(np.zeros(spans), beyond=-1.0)
         mesh.xi[:] = to_blocks(model.rule.xi)
         mesh.weight[:] = to_blocks(model.rule.weights)

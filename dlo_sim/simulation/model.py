@@ -29,7 +29,8 @@ class Model:
         scene, needs: what it was made of: a scene that leaves nothing open, with which terms.
         geometries: what holds the cable, grasps as they took it, relative to `origin`.
         arrays: those of its cables, without inputs, state and work.
-        knots: clamped knot vector, shape (n + 4,). rule: quadrature.
+        knots: clamped knot vector, shape (n + 4,); those of several strands follow each other.
+        rule: quadrature.
         axes: world axis of every spatial line. twist: whether a twist line follows.
         holding: held points, constraint rows and springs.
         axial_stiffness: EA [N]. bending_stiffness: EI of every span [N m^2], stiffened by jaws,
@@ -179,6 +180,13 @@ class Model:
             return 1.0
         ratio = self.arrays.physics.hardening
         return float(ratio / (1.0 + ratio))
+
+    def strand(self, number: int) -> tuple[slice, Array]:
+        """Control points of a strand, and its knots."""
+        counts = np.diff(self.arrays.mesh.strand).ravel() + bspline.ACTIVE
+        end = int(counts[: number + 1].sum())
+        own = slice(*self.arrays.mesh.strand[number].tolist())
+        return own, self.knots[end - counts[number] : end]
 
     def held_mask(self) -> NDArray[np.bool_]:
         """Mask of the line entries held by rows at single control points, shape (lines, n)."""
