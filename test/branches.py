@@ -18,11 +18,11 @@ from dlo_sim.core import bspline
 from dlo_sim.core.quadrature import Quadrature
 from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays, Mesh
+from dlo_sim.simulation import obstacles
 from dlo_sim.simulation.arrays import from_blocks, sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.build_model import fill_rows, held_values, terms_of_holding
 from dlo_sim.simulation.holding import Holding, Point, Row, Weights
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.obstacles import samples_by_span, write_samples
 
 Array = NDArray[np.float64]
 VOID = bspline.DEGREE  # knot spans between two branches
@@ -47,11 +47,15 @@ class Joint:
     stiffness: float = np.inf
 
 
-def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
+def joined(
+    models: Sequence[Model],
+    joints: Sequence[Joint],
+    beside: obstacles.Beside = obstacles.NONE_BESIDE,
+) -> Model:
     """One model of several branches.
 
     The grasps of the branches follow each other, and so do springs and loads. Obstacles and all
-    numbers in `physics` are those of the first branch.
+    numbers in `physics` are those of the first branch. `beside`: samples that touch obstacles, too.
 
     Raises:
         ValueError: branches of different lines, terms or samples, with terms that follow a cable
@@ -69,6 +73,10 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
             "branches: Frenet torsion, contact of the cable with itself, grasps that slide, and "
             "inextensible cables are not available"
         )
+    counts = [(one.arrays.contact.pieces, one.arrays.contact.guide_pieces) for one in models]
+    pieces = np.max(counts, axis=0).tolist()
+    radius = obstacles.thickest(models)
+    fields = obstacles.fields_of(first.scene, radius) if first.has(bits.CONTACT) else ()
     starts = np.cumsum([0, *(model.n for model in models)]).tolist()
     holding = _all_held(models, joints, starts)
     sizes = sizes_of(
@@ -81,9 +89,10 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
         grasps=sum(model.arrays.sizes["grasps"] for model in models),
         loads=sum(model.arrays.sizes["loads"] for model in models),
         obstacles=first.arrays.sizes["obstacles"],
-        pieces=first.arrays.contact.pieces + first.arrays.contact.guide_pieces,
+        pieces=sum(pieces),
         segments=first.arrays.sizes["segments"],
-        field_values=first.arrays.sizes["field_values"],
+        field_values=sum(field.values.size for field in fields),
+        extras=len(beside.first),
         strands=len(models),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
@@ -105,12 +114,14 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
         first.rest,
         first.origin,
         first.obstacles,
-        first.fields,
+        fields,
     )
     arrays.axes[:] = first.arrays.axes
     arrays.physics = first.arrays.physics
-    _fill_contact(arrays, models)
     _fill_mesh(arrays.mesh, [model.arrays for model in models], starts)
+    if first.has(bits.CONTACT):
+        arrays.contact.pieces, arrays.contact.guide_pieces = pieces
+        obstacles.fill(model, models, beside)
     _fill_lines(arrays, [model.arrays for model in models], starts)
     values = held_values(model)
     fill_rows(model, values, _mass_solutions(models, model, values, starts))
@@ -131,9 +142,9 @@ def _fill_mesh(mesh: Mesh, parts: Sequence[CableArrays], starts: Sequence[int]) 
         if name == "branch":
             for k, (begin, end) in enumerate(zip(starts[:-1], starts[1:], strict=True)):
                 mesh.branch[begin:end] = k
-                mesh.strand[k] = begin, end
+                mesh.strand[k], mesh.length[k] = (begin, end), parts[k].mesh.length[0]
             continue
-        if name == "strand":
+        if name in ("strand", "length"):
             continue
         lanes = [from_blocks(getattr(p.mesh, name), p.n - bspline.DEGREE) for p in parts]
         # `slope` and the stiffnesses have no meaning on void spans, but are divided by.
@@ -142,19 +153,6 @@ def _fill_mesh(mesh: Mesh, parts: Sequence[CableArrays], starts: Sequence[int]) 
         if name == "number":
             lanes = [one + k for k, one in enumerate(lanes)]
         getattr(mesh, name)[:] = to_blocks(_with_voids(lanes, void), beyond=void)
-
-
-def _fill_contact(arrays: CableArrays, models: Sequence[Model]) -> None:
-    """The obstacles of the first branch, and the samples of all that touch them."""
-    contact, first = arrays.contact, models[0].arrays.contact
-    if not first.count:
-        return
-    for name in contact.fields:
-        if name not in ("first", "basis", "weight", "begin", "end"):
-            setattr(contact, name, getattr(first, name))
-    pieces = contact.pieces, contact.guide_pieces
-    parts = [samples_by_span(model.knots, pieces, contact.radius) for model in models]
-    write_samples(contact, *map(_with_voids, zip(*parts, strict=True)))
 
 
 _BY_POINT = "mass", "factors", "damping", "twist", "weight", "frame_factors", "greville"

@@ -101,6 +101,7 @@ class Mesh(Group):
     branch = Wholes("n")  # strand of each control point
     strand = Wholes("strands", 2)  # its first control point, and the one behind its last
     number = Lanes("blocks")  # of the strand of a span, -1 of void ones
+    length = Reals("strands")  # [m]
 
 
 class Physics(Group):
@@ -227,12 +228,16 @@ class Contact(Group):
     count = Whole()  # obstacles
     pieces = Whole()  # groups of a span that touch all but rings and channels
     guide_pieces = Whole()  # groups of a span that touch rings and channels, the last ones
+    extras = Whole()  # groups that touch all, between those two, of places beside the cable
     begin = Wholes("obstacles")  # first group that touches each obstacle
     end = Wholes("obstacles")  # behind the last one
     first = Wholes("groups")  # column of the first control point of their span
     basis = Lanes("groups", 4)  # basis functions
     slope = Lanes("groups", 4)  # their derivatives by the local coordinate
     weight = Lanes("groups")  # [m], 0 where there is no sample
+    place = Lanes("groups")  # material coordinate on its strand [m]
+    wider = Lanes("groups")  # by which the radius exceeds `radius` [m]; with meshes not above 0
+    heavier = Lanes("groups")  # mass per length over `density`
     core = Wholes("obstacles")  # HALF_SPACE, BOX, CYLINDER, TUBE or MESH
     half = Reals("obstacles", 3)  # size of the core along its axes
     reach = Reals("obstacles")  # by which the core is grown [m]
@@ -244,7 +249,8 @@ class Contact(Group):
     field_values = Reals("field_values")  # coefficients of the splines of all meshes [m]
     still = Reals(3)  # centre of the lines: the constant coordinate of planar motion [m]
     density = Number()  # mass per length [kg/m]
-    radius = Number()  # of the cable [m]
+    radius = Number()  # of the cable, with which `reach` counts [m]
+    leverage = Number()  # most by which a sample moves in the motion of its control points
     restitution = Number()
     least_margin = Number()  # of the broad phase [m]
 

@@ -19,6 +19,7 @@ from dlo_sim.scene.needs import Needs, inextensible
 from dlo_sim.scene.terms import TERMS
 from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.arrays import sizes_of, to_blocks, without_margins
+from dlo_sim.simulation.connector_shape import thickest
 from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.held_rows import fill_rows, held_values
 from dlo_sim.simulation.holding import Holding, holding_of
@@ -42,6 +43,7 @@ def build_model(
     """
     origin, strands = np.zeros(3) if origin is None else origin, scene.strands
     counts = _counts([strand.scene for strand in strands], needs)
+    counts = counts._replace(radius=max(counts.radius, thickest(scene.connectors)))
     models = {
         strand.name: _model(
             strand.scene, needs, local_geometries(strand, geometries), origin, counts
@@ -50,7 +52,7 @@ def build_model(
     }
     if not scene.is_net:
         return next(iter(models.values()))
-    return joined(scene, needs, geometries, models)
+    return joined(scene, needs, geometries, models, counts.radius)
 
 
 class _Counts(NamedTuple):
@@ -58,12 +60,13 @@ class _Counts(NamedTuple):
 
     Attributes:
         curved: whether any has a natural shape, or yields. pieces: `obstacles.pieces_of`.
-        segments: of a span, that touch each other.
+        segments: of a span, that touch each other. radius: of the thickest [m].
     """
 
     curved: bool
     pieces: tuple[int, int]
     segments: int
+    radius: float
 
 
 def _knots(scene: Scene) -> Array:
@@ -79,7 +82,9 @@ def _counts(scenes: Sequence[Scene], needs: Needs) -> _Counts:
     if "self_contact" in needs:
         segments = [self_contact.segments_of(scene, _knots(scene)) for scene in scenes]
     closest = max(one for one, _ in pieces), max(one for _, one in pieces)
-    return _Counts("bend" in needs and ("plasticity" in needs or shaped), closest, max(segments))
+    curved = "bend" in needs and ("plasticity" in needs or shaped)
+    radius = 0.5 * max(scene.cable.diameter for scene in scenes)
+    return _Counts(curved, closest, max(segments), radius)
 
 
 def _model(
@@ -90,7 +95,7 @@ def _model(
     knots = _knots(scene)
     rule = _quadrature(scene, knots)
     holding = holding_of(scene, geometries, knots, axes, twist)
-    fields = fields_of(scene) if "contact" in needs else ()
+    fields = fields_of(scene, counts.radius) if "contact" in needs else ()
     sizes = sizes_of(
         terms=_terms(scene, needs, counts.curved, holding),
         dim=len(axes),
@@ -120,7 +125,7 @@ def _model(
     lines = axes, twist, holding
     of = scene, needs, geometries
     model = Model(*of, arrays, knots, rule, *lines, *stiffness, rest, origin, places, fields)
-    _Filling(model).fill()
+    _Filling(model, counts.radius).fill()
     return model
 
 
@@ -183,8 +188,9 @@ def _quadrature(scene: Scene, knots: Array) -> quadrature.Quadrature:
 class _Filling:
     """Writes the arrays of a model."""
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, radius: float) -> None:
         self._scene, self._needs, self._model = model.scene, model.needs, model
+        self._radius = radius
         self._arrays, self._axes = model.arrays, list(model.axes)
 
     def fill(self) -> None:
@@ -233,7 +239,7 @@ class _Filling:
             physics.axial_round_off = model.axial_stiffness * scene.cable.length
             physics.beta_stretch = 0.0  # what does not stretch dissipates nothing
         if "contact" in self._needs:
-            obstacles.fill(model)
+            obstacles.fill(model, self._radius)
         if "self_contact" in self._needs:
             self_contact.fill(model)
 
@@ -276,7 +282,7 @@ class _Filling:
         mesh.guard[:] = to_blocks(guarding)
         mesh.bending[:] = to_blocks(model.bending_stiffness, beyond=cable.EI)
         mesh.torsional[:] = cable.GJ
-        mesh.strand[0] = 0, model.n
+        mesh.strand[0], mesh.length[0] = (0, model.n), model.knots[-1]
         mesh.number[:] = to_blocks(np.zeros(spans), beyond=-1.0)
         mesh.xi[:] = to_blocks(model.rule.xi)
         mesh.weight[:] = to_blocks(model.rule.weights)

@@ -99,7 +99,8 @@ class Cable:
         state, group, theirs = self.arrays.state, self.arrays.contact, other.arrays
         anew = time is not None
         known = {one.name if anew else one: k for k, one in enumerate(other.model.obstacles)}
-        pieces = [(one.pieces, one.guide_pieces) for one in (theirs.contact, group)]
+        there, here = ((one.pieces, one.guide_pieces) for one in (theirs.contact, group))
+        pieces = there, here, theirs.contact.extras
         same = np.array_equal(self.model.knots, other.model.knots)
         names = ["bristle", "slides", *["overlap"] * (not anew)]
         if anew and self.model.axes == other.model.axes:

@@ -15,13 +15,14 @@ from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs
+from dlo_sim.simulation import obstacles
 from dlo_sim.simulation.arrays import from_blocks, sizes_of, to_blocks, without_margins
+from dlo_sim.simulation.connector_shape import beside, groups_of
 from dlo_sim.simulation.geometry import Geometries
 from dlo_sim.simulation.held_rows import fill_rows, held_values
 from dlo_sim.simulation.holding import Holding, Point, Row
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.net import Layout, joining, layout_of, rolls_of
-from dlo_sim.simulation.obstacles import samples_by_span, write_samples
 
 Array = NDArray[np.float64]
 LIGHT = 1e-3  # of a third of a span: mass of a body that has none of its own
@@ -31,12 +32,17 @@ VOID = {"padding": 1.0, "slope": 1.0, "axial": 1.0, "bending": 1.0, "torsional":
 
 
 def joined(
-    scene: Scene, needs: Needs, geometries: Geometries, models: Mapping[str, Model]
+    scene: Scene,
+    needs: Needs,
+    geometries: Geometries,
+    models: Mapping[str, Model],
+    radius: float,
 ) -> Model:
     """One model of all strands.
 
     Args:
         geometries: what holds them, by the names of all. models: of each alone, by its name.
+        radius: of the thickest strand or connector [m].
     """
     layout, first = layout_of(scene, geometries, models), next(iter(models.values()))
     parts = list(layout.parts.values())
@@ -58,6 +64,7 @@ def joined(
         field_values=first.arrays.sizes["field_values"],
         bodies=len(layout.bodies),
         strands=len(parts),
+        extras=groups_of(scene.connectors) * ("contact" in needs),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
     model = Model(
@@ -83,7 +90,7 @@ def joined(
     )
     arrays.axes[:] = first.arrays.axes
     arrays.physics = first.arrays.physics
-    _Joining(model, layout).fill()
+    _Joining(model, layout, radius).fill()
     return model
 
 
@@ -98,7 +105,8 @@ def sum_of_terms(models: Mapping[str, Model]) -> int:
 class _Joining:
     """Writes the arrays of a net from those of its strands."""
 
-    def __init__(self, model: Model, layout: Layout) -> None:
+    def __init__(self, model: Model, layout: Layout, radius: float) -> None:
+        self._radius = radius
         self._model, self._arrays, self._layout = model, model.arrays, layout
         self._parts = list(layout.parts.values())
         self._each = [part.model.arrays for part in self._parts]
@@ -127,7 +135,7 @@ class _Joining:
     def _mesh(self) -> None:
         mesh = self._arrays.mesh
         for name in mesh.fields:
-            if name in ("branch", "strand"):
+            if name in ("branch", "strand", "length"):
                 continue
             void = VOID.get(name, 0.0)
             lanes = [
@@ -140,20 +148,17 @@ class _Joining:
         for number, part in enumerate(self._parts):
             mesh.branch[part.here] = number
             mesh.strand[number] = part.here.start, part.here.stop
+            mesh.length[number] = part.length
 
     def _contact(self) -> None:
         """The obstacles, which are those of every strand, and the samples of all."""
-        contact, first = self._arrays.contact, self._each[0].contact
-        if not first.count:
-            return
-        for name in contact.fields:
-            if name not in ("first", "basis", "slope", "weight", "begin", "end"):
-                setattr(contact, name, getattr(first, name))
-        pieces = contact.pieces, contact.guide_pieces
-        samples = [
-            samples_by_span(part.model.knots, pieces, contact.radius) for part in self._parts
-        ]
-        write_samples(contact, *map(self._layout.by_span, zip(*samples, strict=True)))
+        contact, model = self._arrays.contact, self._model
+        contact.pieces = self._each[0].contact.pieces
+        contact.guide_pieces = self._each[0].contact.guide_pieces
+        if "contact" in model.needs:
+            density = self._parts[0].model.scene.cable.mu
+            samples = beside(model.bodies, density, self._radius)
+            obstacles.fill(model, self._radius, samples)
 
     def _masses(self) -> None:
         """Matrices and vectors by control point, with the bodies'."""

@@ -33,7 +33,7 @@ class Model:
         scene, needs: what it was made of: a scene that leaves nothing open, with which terms.
         geometries: what holds the cable, grasps as they took it, relative to `origin`.
         arrays: those of its cables, without inputs, state and work.
-        knots: clamped knot vector, shape (n + 4,). rule: quadrature.
+        knots: clamped knot vector of the main cable, shape (n_u + 4,). rule: quadrature.
         axes: world axis of every spatial line. twist: whether a twist line follows.
         holding: held points, constraint rows and springs.
         axial_stiffness: EA [N]. bending_stiffness: EI of every span [N m^2], stiffened by jaws,
@@ -231,30 +231,6 @@ class Model:
             return 1.0
         ratio = self.arrays.physics.hardening
         return float(ratio / (1.0 + ratio))
-
-    def held_mask(self) -> NDArray[np.bool_]:
-        """Mask of the line entries held by rows at single control points, shape (lines, n)."""
-        mask = np.zeros((self.lines, self.n), dtype=bool)
-        for row in self.holding.rows:
-            if row.line >= 0 and self.holding.points[row.point].own >= 0:
-                mask[row.line, self.holding.points[row.point].own] = True
-        return mask
-
-
-@dataclass(frozen=True)
-class Part:
-    """A strand in the arrays of a net.
-
-    Attributes:
-        name: of the strand. model: of the strand alone. first: its first control point.
-        grasp: the first of its holders in the arrays. drawn: frame in which it is drawn.
-    """
-
-    name: str
-    model: Model
-    first: int
-    grasp: int
-    drawn: Array
 
     @property
     def here(self) -> slice:

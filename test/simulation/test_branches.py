@@ -11,6 +11,7 @@ from dlo_sim.engine.arrays import CURVED
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.curve import Curve
 from dlo_sim.simulation.natural_shape import NaturalShape
+from dlo_sim.simulation.obstacles import NONE_BESIDE, Beside, contact_with
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.simulation.statics import _Search
 from dlo_sim.simulation.stepper import Stepper
@@ -32,11 +33,13 @@ WIRE = {
 class Branched:
     """Branches, each first placed as a cable of its own, on one set of arrays."""
 
-    def __init__(self, scenes, joints, method="energy_momentum", step=1e-3, driven=()):
+    def __init__(
+        self, scenes, joints, method="energy_momentum", step=1e-3, driven=(), beside=NONE_BESIDE
+    ):
         self.parts = [Simulator(scene) for scene in scenes]
         for part, drive in zip(self.parts, driven, strict=False):
             drive(part)
-        self.cable = Cable(joined([part.model for part in self.parts], joints))
+        self.cable = Cable(joined([part.model for part in self.parts], joints, beside))
         self.stepper = Stepper(self.cable, METHODS[method], step)
         self.cable.motion[:] = np.concatenate([part.cable.motion for part in self.parts])
         loads = [part.cable.loads for part in self.parts]
@@ -318,6 +321,89 @@ def test_strands_come_to_rest_as_two_cables():
     expected = np.concatenate([cable.points for cable in alone])
     assert np.abs(expected - np.concatenate(pushed)).max() > 0.01
     np.testing.assert_allclose(pair.cable.points, expected, rtol=0.0, atol=1e-7)
+
+
+FALLING = {
+    "start.fixed": [False] * 3,
+    "damping.mass": 0.2,
+    "contact.friction": 0.3,
+    "contact.stiffness": 2e4,
+    "integrator.tolerance": 1e-12,
+    "obstacles.names": ["floor", "bar", "eye"],
+    "obstacles.floor.shape": "plane",
+    "obstacles.floor.position": [0.0, 0.0, -0.06],
+    "obstacles.bar.shape": "cylinder",
+    "obstacles.bar.size": [0.03, 0.03, 0.6],
+    "obstacles.bar.orientation": [0.7071067811865476, 0.0, 0.0, 0.7071067811865476],
+    "obstacles.bar.position": [0.2, 0.15, -0.03],
+    "obstacles.eye.shape": "ring",
+    "obstacles.eye.size": [0.05, 0.005, 0.0],
+    "obstacles.eye.orientation": [0.0, 0.7071067811865476, 0.0, 0.7071067811865476],
+    "obstacles.eye.position": [0.4, 0.0, 0.0],
+}
+
+
+def falling(k, *values):
+    """The first or second of two unlike cables beside each other, over a floor and across a bar."""
+    cables = [
+        {"cable.length": 0.5, "end.position": [0.5, 0.0, 0.0]},
+        {
+            "cable.length": 0.7,
+            "cable.diameter": 0.016,
+            "cable.linear_density": 0.3,
+            "start.position": [-0.1, 0.3, 0.0],
+            "end.position": [0.6, 0.3, 0.0],
+        },
+    ]
+    return scene_of(WIRE, FALLING, cables[k], *values)
+
+
+@pytest.mark.parametrize("twist", ["off", "bishop"])
+@pytest.mark.parametrize("lands", [0, 1])
+@pytest.mark.parametrize("friction, steps", [(0.0, 90), (0.3, 50)])
+def test_a_strand_falls_on_obstacles_as_a_cable(lands, friction, steps, twist, step=2e-3):
+    """Both are of unlike thickness and mass; while the other one falls freely, since steps and
+    impulses of both are decided together. The first one also goes through a ring. Where friction
+    begins to hold a landing cable, round-off grows."""
+    free = {"start.position": [0.0, 0.0, 9.0], "end.position": [0.7 - 0.2 * lands, 0.0, 9.0]}
+    rest = {"terms.twist": twist, "contact.friction": friction}
+    scenes = [falling(k, rest, {} if k == lands else free) for k in range(2)]
+    pair, sim = Branched(scenes, [], step=step), Simulator(scenes[lands])
+    pair.advance(steps)
+    done = Stepper(sim.cable, METHODS["energy_momentum"], step).advance(0, steps)
+    assert done.status.ok and done.steps == steps
+    np.testing.assert_allclose(pair.branch(lands), sim.cable.points[:, :3], rtol=0.0, atol=1e-6)
+    touching = 0
+    for number in range(3):
+        both, own = (contact_with(one, number, None) for one in (pair.cable, sim.cable))
+        assert np.all(both.strands == lands)
+        touching += len(own.u)
+        np.testing.assert_allclose(both.u, own.u, atol=1e-12)
+        np.testing.assert_allclose(both.points, own.points, atol=1e-6)
+        np.testing.assert_allclose(both.forces, own.forces, atol=1e-3)
+        assert both.deepest == pytest.approx(own.deepest, abs=1e-6)
+    assert touching > 4
+
+
+def test_what_is_beside_a_strand_touches_obstacles():
+    """A ball of 3 cm beyond the end of a cable that comes to rest on a floor, at 1.5 edges of its
+    control polygon: its sample moves more than any control point."""
+    away = {"obstacles.bar.position": [9.0, 0.0, 0.0], "obstacles.eye.position": [0.0, 9.0, 0.0]}
+    scenes = [falling(k, {"damping.mass": 4.0}, away) for k in range(2)]
+    values, n = np.zeros((1, 8, 12)), scenes[0].discretization.control_points
+    values[0, 0, [2, 3, 4]] = -1.5, 2.5, 0.01
+    values[0, :, 10:] = 0.03 - 0.008, 2.0
+    pair = Branched(scenes, [], step=5e-3, beside=Beside(np.array([n - 4]), values))
+    assert pair.cable.arrays.contact.leverage == 4.0
+    pair.advance(600)
+    first = pair.branch(0)
+    ball = 2.5 * first[-1] - 1.5 * first[-2]
+    floor = contact_with(pair.cable, 0, None)
+    on_ball = floor.forces[np.linalg.norm(floor.points - ball, axis=1) < 1e-9]
+    assert len(on_ball) == 1 and on_ball[0, 2] > 0.01
+    assert ball[2] + 0.06 == pytest.approx(0.03 - on_ball[0, 2] / (2e4 * 0.01), abs=1e-6)
+    assert floor.force[2] == pytest.approx(9.81 * (0.5 * 0.1 + 0.7 * 0.3), rel=1e-3)
+    assert pair.cable.account.contact_deep == 0.0
 
 
 def test_branches_must_be_alike():
