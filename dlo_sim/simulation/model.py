@@ -232,6 +232,30 @@ class Model:
         ratio = self.arrays.physics.hardening
         return float(ratio / (1.0 + ratio))
 
+    def held_mask(self) -> NDArray[np.bool_]:
+        """Mask of the line entries held by rows at single control points, shape (lines, n)."""
+        mask = np.zeros((self.lines, self.n), dtype=bool)
+        for row in self.holding.rows:
+            if row.line >= 0 and self.holding.points[row.point].own >= 0:
+                mask[row.line, self.holding.points[row.point].own] = True
+        return mask
+
+
+@dataclass(frozen=True)
+class Part:
+    """A strand in the arrays of a net.
+
+    Attributes:
+        name: of the strand. model: of the strand alone. first: its first control point.
+        grasp: the first of its holders in the arrays. drawn: frame in which it is drawn.
+    """
+
+    name: str
+    model: Model
+    first: int
+    grasp: int
+    drawn: Array
+
     @property
     def here(self) -> slice:
         """Its control points."""
