@@ -142,13 +142,15 @@ class _Joining:
                 from_blocks(getattr(one.mesh, name), one.n - bspline.DEGREE) for one in self._each
             ]
             getattr(mesh, name)[:] = to_blocks(self._layout.by_span(lanes, void), beyond=void)
-        mesh.branch[:] = len(self._parts)
         numbers = [np.full(one.n - bspline.DEGREE, float(k)) for k, one in enumerate(self._each)]
         mesh.number[:] = to_blocks(self._layout.by_span(numbers, -1.0), beyond=-1.0)
         for number, part in enumerate(self._parts):
             mesh.branch[part.here] = number
             mesh.strand[number] = part.here.start, part.here.stop
             mesh.length[number] = part.length
+        names = [part.name for part in self._parts]
+        for body in self._layout.bodies:
+            mesh.branch[body.first : body.first + bspline.ACTIVE] = names.index(body.strand)
 
     def _contact(self) -> None:
         """The obstacles, which are those of every strand, and the samples of all."""
