@@ -46,7 +46,7 @@ def joined(
     """
     layout, first = layout_of(scene, geometries, models), next(iter(models.values()))
     parts = list(layout.parts.values())
-    holding = held_by_all(layout, len(first.axes))
+    holding = held_by_all(layout, len(first.axes), first.twist)
     rolls = rolls_of(layout) if first.twist else []
     terms = sum_of_terms(models) & ~(bits.BORDERED | bits.SPRUNG) | holding.terms
     sizes = sizes_of(
@@ -229,7 +229,7 @@ class _Joining:
         physics.bending_round_off = sum(one.bending_round_off for one in each)
 
 
-def held_by_all(layout: Layout, dim: int) -> Holding:
+def held_by_all(layout: Layout, dim: int, twist: bool) -> Holding:
     """What the holders of all strands hold, and what joins the strands."""
     out = Holding()
     at_points: list[Row] = []
@@ -248,7 +248,7 @@ def held_by_all(layout: Layout, dim: int) -> Holding:
             replace(row, point=row.point + known, grasp=row.grasp + part.grasp)
             for row in held.springs
         ]
-    for one in joining(layout, dim):
+    for one in joining(layout, dim, twist):
         if isinstance(one, Point):
             number = out.hold(one)
         else:

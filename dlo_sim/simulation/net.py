@@ -291,23 +291,21 @@ def difference(one: Point, other: Point, sign: float = 1.0) -> Point:
 
 
 class Roll(NamedTuple):
-    """theta at a place of a strand against a body, or against theta of another strand.
+    """The twist angle at a place of a strand, which a body holds.
 
     Attributes:
-        place: of theta. body: its index, or -1. other: place of the other theta.
-        along, side: tangent, and a direction across it, in the body's directors.
-        stiffness: [N m/rad].
+        place: of the angle. body: its index. along, side: tangent there, and a direction across it,
+            in the directors of the body. stiffness: [N m/rad].
     """
 
     place: Point
     body: int
-    other: Point
     along: Array
     side: Array
     stiffness: float
 
 
-def joining(layout: Layout, dim: int) -> Iterator[Row | Point]:
+def joining(layout: Layout, dim: int, twist: bool) -> Iterator[Row | Point]:
     """Points that joints and bodies hold together, each followed by its rows, whose `point` is left
     open; rows of infinite stiffness are rigid.
     """
@@ -324,6 +322,12 @@ def joining(layout: Layout, dim: int) -> Iterator[Row | Point]:
             tangent = body.frame.T @ other.drawn[:, 0]
             point = difference(slope, Point(body.first, body.weights(tangent)))
         yield from rows_of(point, dim, join.stiffness)
+        if join.in_line and twist:
+            here, there = (
+                replace(place_at(*one), twist=True) for one in ((part, join.u), (other, join.at))
+            )
+            yield difference(here, there, join.in_line)
+            yield Row(-1, -1, dim, stiffness=join.stiffness)
         if layout.is_seamless(join):
             bend = place_at(other, join.at, 2)
             yield from rows_of(difference(place_at(part, join.u, 2), bend), dim)
@@ -347,21 +351,15 @@ def rows_of(point: Point, dim: int, stiffness: float = math.inf) -> Iterator[Row
 
 
 def rolls_of(layout: Layout) -> list[Roll]:
-    """What holds the twist angles together."""
-    found, nothing = [], np.zeros(3)
-    for join in (one for one in layout.joins if one.rigid):
-        part, other = layout.parts[join.strand], layout.parts[join.other]
-        here = place_at(other, join.at)
-        if join.in_line:
-            given = place_at(part, join.u), -1, here, nothing, nothing
-        else:
-            body = layout.root(join.strand)
-            turned = body.frame.T @ other.drawn
-            given = here, layout.bodies.index(body), here, turned[:, 0], turned[:, 1]
-        found.append(Roll(*given, join.stiffness))
+    """What holds the twist angles of strands on bodies, rigid ones first."""
+    found = []
+    for join in (one for one in layout.joins if one.rigid and not one.in_line):
+        other, body = layout.parts[join.other], layout.root(join.strand)
+        turned = body.frame.T @ other.drawn
+        given = layout.bodies.index(body), turned[:, 0], turned[:, 1], join.stiffness
+        found.append(Roll(place_at(other, join.at), *given))
     for number, body in enumerate(layout.bodies):
-        if body.is_hinged:
-            continue
-        here = place_at(layout.parts[body.strand], body.u)
-        found.append(Roll(here, number, here, np.eye(3)[0], np.eye(3)[1], math.inf))
-    return found
+        if not body.is_hinged:
+            here = place_at(layout.parts[body.strand], body.u)
+            found.append(Roll(here, number, np.eye(3)[0], np.eye(3)[1], math.inf))
+    return sorted(found, key=lambda one: math.isfinite(one.stiffness))
