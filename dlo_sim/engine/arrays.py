@@ -20,6 +20,7 @@ MARGIN = 3  # columns before the first control point
 PADDING = 16  # zeros before and behind a vector of all unknowns
 MOST_CORRECTIONS = 14  # of one implicit step with one matrix
 MOST_STAGES = 4  # of a Runge-Kutta method
+ROLL_SIZE = 7  # numbers of `State.roll`
 FRAME_SIZE = 8  # numbers of `State.frame`
 MOTION_SIZE = 36  # numbers of the motion of a grasp (`engine.grasps`)
 
@@ -298,6 +299,7 @@ class State(Group):
     slide = Reals("slides")  # material coordinate that it holds [m], or `sliding.LOST`
     slide_pose = Reals("slides", 12)  # of its gripper at the start and the end of a step, by line
     frame = Reals("grasps", FRAME_SIZE)  # in which a gripper's twist angle counts (`engine.grasps`)
+    roll = Reals("rolls", ROLL_SIZE)  # from which the roll of a body counts (`engine.roll`)
     matrix = Reals("unknowns", "width")  # LU factors of the last Newton matrix
     energy = Reals(len(ENERGIES))  # potential energies [J]
     energy_begin = Reals(len(ENERGIES))  # the same at the start of the account

@@ -30,8 +30,9 @@ from __future__ import annotations
 import numpy as np
 from numba import boolean, float64, void
 
-from dlo_sim.compiling.kernels import inline, kernel
+from dlo_sim.compiling.kernels import YES, inline, kernel
 from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, where, zero
+from dlo_sim.engine import roll
 from dlo_sim.engine.arrays import (
     BISHOP,
     CABLE,
@@ -391,4 +392,5 @@ def follow_shape(cable, t):
         if rows.line[k] == twist and rows.grasp[k] >= 0:
             state.frame[rows.grasp[k], ANGLE] += psi[MARGIN + cable.points.own[rows.point[k]]]
     follow_springs(cable, psi, x, t)
+    roll.follow(cable, YES)
     copy(x, reference)

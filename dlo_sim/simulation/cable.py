@@ -411,7 +411,22 @@ class Cable:
             if self.model.has(MATERIAL):
                 self.call(follow_to_present)
             self.flow()
+        self._count_joints()
         self.open_frame()
+
+    def _count_joints(self) -> None:
+        """From now on the twist angles between strands, and between strands and bodies, count from
+        the present ones.
+        """
+        arrays, theta = self.arrays, self.x[-1]
+        for number, first in enumerate(arrays.rolls.first):
+            angle = float(arrays.rolls.weights[number] @ theta[first : first + bspline.ACTIVE])
+            self.call(between_steps.count_roll, number, angle)
+        holding = self.model.holding
+        for k, row in enumerate([*holding.rows, *holding.springs]):
+            if row.grasp < 0 and holding.points[row.point].twist:
+                value = float(holding.points[row.point].values(self.model.n) @ theta)
+                arrays.state.anchor[k] = arrays.state.anchor_counted[k] = value
 
     def turn_natural(self, rows: Array, turn: Array) -> None:
         """Set the natural shape to these rows, from `to_blocks`, with their vectors turned by a

@@ -48,9 +48,12 @@ def joined(
     parts = list(layout.parts.values())
     holding = held_by_all(layout, len(first.axes), first.twist)
     rolls = rolls_of(layout) if first.twist else []
+    rigid = sum(math.isinf(one.stiffness) for one in rolls)
     terms = sum_of_terms(models) & ~(bits.BORDERED | bits.SPRUNG) | holding.terms
     sizes = sizes_of(
-        terms=terms | bits.BORDERED * bool(rolls) | bits.RIGID * bool(layout.bodies),
+        terms=terms
+        | bits.RIGID * bool(layout.bodies)
+        | (bits.BORDERED | bits.ROLLED) * bool(rolls),
         dim=len(first.axes),
         twist=first.twist,
         n=layout.n,
@@ -64,6 +67,7 @@ def joined(
         field_values=first.arrays.sizes["field_values"],
         bodies=len(layout.bodies),
         strands=len(parts),
+        rolls=(rigid, len(rolls) - rigid),
         extras=groups_of(scene.connectors) * ("contact" in needs),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
@@ -131,6 +135,12 @@ class _Joining:
             given.idle[number] = alone[body.points]
             given.length[number] = [sign * body.length for sign in body.signs]
             given.stiffness[number] = RIGID * cable.EA * body.length
+        rolls = self._arrays.rolls
+        for number, roll in enumerate(rolls_of(layout) if model.twist else []):
+            rolls.body[number], rolls.first[number] = roll.body, roll.place.first
+            rolls.weights[number], rolls.stiffness[number] = roll.place.weights, roll.stiffness
+            rolls.along[number], rolls.side[number] = roll.along, roll.side
+            rolls.rigid_rolls += math.isinf(roll.stiffness)
 
     def _mesh(self) -> None:
         mesh = self._arrays.mesh
