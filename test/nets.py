@@ -54,6 +54,7 @@ def system(sim):
             rows.append(b)
         elif model.holding.points[row.point].other >= 0:
             K += row.stiffness * np.outer(b, b)
+    cable.forces()  # sets the rows of rolls
     work, rolls = cable.arrays.work, cable.arrays.rolls
     for k, body in enumerate(rolls.body):
         b = np.zeros(size)

@@ -140,7 +140,6 @@ class _Joining:
             rolls.body[number], rolls.first[number] = roll.body, roll.place.first
             rolls.weights[number], rolls.stiffness[number] = roll.place.weights, roll.stiffness
             rolls.along[number], rolls.side[number] = roll.along, roll.side
-            rolls.rigid_rolls += math.isinf(roll.stiffness)
 
     def _mesh(self) -> None:
         mesh = self._arrays.mesh
