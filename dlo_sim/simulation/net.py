@@ -231,6 +231,30 @@ def joins_of(scene: Scene, frames: Mapping[str, Array]) -> tuple[Join, ...]:
     return tuple(found)
 
 
+def cuts_of(scene: Scene) -> dict[str, list[float]]:
+    """Where each strand may bend sharply [m], rising: amid it, at what turns it there."""
+    found: dict[str, set[float]] = {strand.name: set() for strand in scene.strands}
+    places = [(one.other, one.at) for one in scene.joints if one.kind != "hinged"]
+    places += [(one.on, one.at) for one in scene.connectors if one.joint == "rigid"]
+    lengths = {strand.name: strand.scene.cable.length for strand in scene.strands}
+    for name, at in places:
+        if 0.0 < at < 1.0:
+            found[name].add(at * lengths[name])
+    return {name: sorted(cuts) for name, cuts in found.items()}
+
+
+def smooth_at(part: Part, u: float) -> Point:
+    """r' behind a place where the knots are threefold, minus that before it: zero."""
+    knots = part.model.knots
+    begin = int(np.searchsorted(bspline.breaks(knots), u)) - 1  # the span before
+    before, after = (
+        knots[bspline.DEGREE + k + 1] - knots[bspline.DEGREE + k] for k in (begin, begin + 3)
+    )
+    return Point(
+        part.first + begin + 2, (1.0 / before, -1.0 / before - 1.0 / after, 1.0 / after, 0.0)
+    )
+
+
 def layout_of(scene: Scene, geometries: Geometries, models: Mapping[str, Model]) -> Layout:
     """Where the strands, with these models, and the bodies of a scene are."""
     frames = drawn_frames(scene, geometries)
@@ -331,6 +355,10 @@ def joining(layout: Layout, dim: int, twist: bool) -> Iterator[Row | Point]:
         if layout.is_seamless(join):
             bend = place_at(other, join.at, 2)
             yield from rows_of(difference(place_at(part, join.u, 2), bend), dim)
+    for part in layout.parts.values():
+        inside = bspline.breaks(part.model.knots)[1:-1]
+        for u in sorted({float(u) for u in inside if np.count_nonzero(inside == u) > 1}):
+            yield from rows_of(smooth_at(part, u), dim)
     for body in layout.bodies:
         part = layout.parts[body.strand]
         if body.alone:

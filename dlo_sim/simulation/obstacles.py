@@ -696,6 +696,7 @@ def sample_rule(knots: Array, pieces: int) -> quadrature.Quadrature:
     places = quadrature.Quadrature(xi, np.ones(xi.shape)).places(bspline.breaks(knots))
     apart = np.diff(places.ravel())
     weights = (0.5 * (np.append(apart, 0.0) + np.append(0.0, apart))).reshape(xi.shape)
+    weights[np.diff(bspline.breaks(knots)) == 0.0] = 0.0
     values = values_of_spans(knots, xi)
     lacking = (knots[bspline.ACTIVE :] - knots[: -bspline.ACTIVE]) / bspline.ACTIVE
     here = np.arange(len(xi))[:, None] + np.arange(bspline.ACTIVE)
