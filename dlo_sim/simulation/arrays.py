@@ -33,13 +33,15 @@ def sizes_of(
     field_values: int = 0,
     strands: int = 1,
     extras: int = 0,
+    chain_joints: int = 0,
 ) -> dict[str, int]:
     """Sizes of all dimensions that `engine.arrays` names.
 
     Args:
         terms: bits of the active terms. pieces: groups of samples of a span that touch bodies, 0
             without obstacles. segments: of a span, that touch each other, or 0. field_values: of
-            meshes that are obstacles. extras: groups of samples beside the cable.
+            meshes that are obstacles. extras: groups of samples beside the cable. chain_joints: of
+            strands, near which they do not touch each other.
     """
     lines, unknowns = dim + twist, n * (dim + twist)
     spans = n - DEGREE
@@ -76,6 +78,7 @@ def sizes_of(
         "corner_rows": 3 * (segments + 1) * chain,
         "chain_blocks": blocks * chain,
         "chain_spans": LANES * blocks * chain,
+        "chain_joints": chain_joints,
         "pairs": LANES * -(-pairs // LANES),
         "near_pairs": (n - DEGREE) * min(n - DEGREE, NEAR) * chain,
         "coupled": unknowns * chain,

@@ -222,7 +222,7 @@ class _Filling:
         if "contact" in self._needs:
             obstacles.fill(model)
         if "self_contact" in self._needs:
-            self_contact.fill(model)
+            self_contact.fill_strands(model, [model])
 
     def _inside(self, lines: Array) -> Array:
         return without_margins(lines, self._model.n)
@@ -264,6 +264,7 @@ class _Filling:
         mesh.bending[:] = to_blocks(model.bending_stiffness, beyond=cable.EI)
         mesh.torsional[:] = cable.GJ
         mesh.strand[0], mesh.length[0] = (0, model.n), model.knots[-1]
+        mesh.radius[0] = 0.5 * cable.diameter
         mesh.number[:] = to_blocks(np.zeros(spans), beyond=-1.0)
         mesh.xi[:] = to_blocks(model.rule.xi)
         mesh.weight[:] = to_blocks(model.rule.weights)

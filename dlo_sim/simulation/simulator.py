@@ -105,7 +105,7 @@ class Simulator(Running):
         resting = first.place(shape, before is not None)
         if not before:
             places = [one.u for one in self.geometries.values() if one.u is not None]
-            self_contact.check_start(self.cable, places)
+            self_contact.check_start(self.cable, [places])
         frequency = 0.0 if implicit else largest_frequency(scene, self.cable)
         choice = choose(scene, frequency, unchecked_step)
         self.step_by(replace(choice, resolution=resolution))
