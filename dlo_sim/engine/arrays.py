@@ -103,6 +103,7 @@ class Mesh(Group):
     strand = Wholes("strands", 2)  # its first control point, and the one behind its last
     number = Lanes("blocks")  # of the strand of a span, -1 of void ones
     length = Reals("strands")  # [m]
+    radius = Reals("strands")  # [m]
 
 
 class Physics(Group):
@@ -261,11 +262,13 @@ class Chain(Group):
 
     segments = Whole()  # of a span
     basis = Lanes("chain_blocks", "corners", 4)  # basis functions at the corners of a span
-    arc = Reals("chain_spans")  # material coordinate where a span begins [m]
+    arc = Reals("chain_spans")  # material coordinate on its strand where a span begins [m]
     length = Reals("chain_spans")  # of a segment [m], 0 of void spans
+    radius = Reals("chain_spans")  # [m]
+    apart = Reals("chain_spans")  # along a strand, at which segments may touch [m]
+    joints = Reals("chain_joints", 5)  # `self_contact.ONE` to BESIDE
     law = Reals(5)  # `self_contact.STIFFNESS` to FRICTION
-    diameter = Number()  # [m]
-    apart = Number()  # along the cable, at which segments may touch [m]
+    diameter = Number()  # largest [m]
 
 
 class Inputs(Group):
@@ -459,7 +462,7 @@ class Work(Group):
     corner = Reals("corner_rows", "chain_spans")  # corners of the chain: 3 number + line
     corner_push = Reals("corner_rows", "chain_spans")  # forces there
     beside = Reals("chain_blocks")  # 1 where a block has a segment of a pair
-    pair_ends = Reals(27, "pairs")  # `self_contact.gather`
+    pair_ends = Reals(28, "pairs")  # `self_contact.gather`
     pair_law = Reals(25, "pairs")  # of the last `self_contact.add_force`
     pair_force = Reals(12, "pairs")  # on both ends of both segments
     pair_trial = Reals(3, "pairs")  # bristles at the end of the step

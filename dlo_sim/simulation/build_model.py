@@ -296,6 +296,7 @@ class _Filling:
         mesh.bending[:] = to_blocks(model.bending_stiffness, beyond=cable.EI)
         mesh.torsional[:] = cable.GJ
         mesh.strand[0], mesh.length[0] = (0, model.n), model.knots[-1]
+        mesh.radius[0] = 0.5 * cable.diameter
         mesh.number[:] = to_blocks(np.zeros(spans), beyond=-1.0)
         mesh.xi[:] = to_blocks(model.rule.xi)
         mesh.weight[:] = to_blocks(model.rule.weights)

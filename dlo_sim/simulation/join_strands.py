@@ -15,7 +15,7 @@ from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs
-from dlo_sim.simulation import obstacles
+from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.arrays import from_blocks, sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.connector_shape import beside, groups_of
 from dlo_sim.simulation.geometry import Geometries
@@ -68,6 +68,7 @@ def joined(
         bodies=len(layout.bodies),
         strands=len(parts),
         rolls=(rigid, len(rolls) - rigid),
+        chain_joints=len(layout.joins),
         extras=groups_of(scene.connectors) * ("contact" in needs),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
@@ -119,6 +120,7 @@ class _Joining:
         model, layout = self._model, self._layout
         self._mesh()
         self._contact()
+        self_contact.fill(model, self._joints())
         self._masses()
         self._loads()
         self._numbers()
@@ -144,7 +146,7 @@ class _Joining:
     def _mesh(self) -> None:
         mesh = self._arrays.mesh
         for name in mesh.fields:
-            if name in ("branch", "strand", "length"):
+            if name in ("branch", "strand", "length", "radius"):
                 continue
             void = VOID.get(name, 0.0)
             lanes = [
@@ -157,6 +159,7 @@ class _Joining:
             mesh.branch[part.here] = number
             mesh.strand[number] = part.here.start, part.here.stop
             mesh.length[number] = part.length
+            mesh.radius[number] = 0.5 * part.model.scene.cable.diameter
         names = [part.name for part in self._parts]
         for body in self._layout.bodies:
             mesh.branch[body.first : body.first + bspline.ACTIVE] = names.index(body.strand)
@@ -170,6 +173,14 @@ class _Joining:
             density = self._parts[0].model.scene.cable.mu
             samples = beside(model.bodies, density, self._radius)
             obstacles.fill(model, self._radius, samples)
+
+    def _joints(self) -> list[self_contact.Joined]:
+        """Where strands that are joined do not touch each other."""
+        numbers = {part.name: number for number, part in enumerate(self._parts)}
+        return [
+            self_contact.Joined((numbers[one.strand], one.u), (numbers[one.other], one.at))
+            for one in self._layout.joins
+        ]
 
     def _masses(self) -> None:
         """Matrices and vectors by control point, with the bodies'."""
