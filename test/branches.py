@@ -18,17 +18,17 @@ from dlo_sim.core import bspline
 from dlo_sim.core.quadrature import Quadrature
 from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays, Mesh
+from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.arrays import from_blocks, sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.build_model import fill_rows, held_values, terms_of_holding
 from dlo_sim.simulation.holding import Holding, Point, Row, Weights
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.obstacles import samples_by_span, write_samples
 
 Array = NDArray[np.float64]
 VOID = bspline.DEGREE  # knot spans between two branches
 HELD = bits.BORDERED | bits.SPRUNG  # terms of what holds a branch
 # Terms that follow the cable from one end to the other, or slide along it.
-ALONG = bits.TORSION | bits.SLIDING | bits.SELF
+ALONG = bits.TORSION | bits.SLIDING
 
 
 @dataclass(frozen=True)
@@ -47,16 +47,21 @@ class Joint:
     stiffness: float = np.inf
 
 
-def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
+def joined(
+    models: Sequence[Model],
+    joints: Sequence[Joint],
+    beside: obstacles.Beside = obstacles.NONE_BESIDE,
+    touching: Sequence[self_contact.Joined] = (),
+) -> Model:
     """One model of several branches.
 
     The grasps of the branches follow each other, and so do springs and loads. Obstacles and all
-    numbers in `physics` are those of the first branch.
+    numbers in `physics` are those of the first branch. `beside`: samples that touch obstacles, too.
+    `touching`: joints near which branches do not touch each other.
 
     Raises:
         ValueError: branches of different lines, terms or samples, with terms that follow a cable
-            from one end to the other (Frenet torsion, contact with itself) or slide along it, or
-            inextensible ones.
+            from one end to the other (Frenet torsion) or slide along it, or inextensible ones.
     """
     first = models[0]
     for model in models:
@@ -66,9 +71,12 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
             raise ValueError("branches: need the same lines, terms, and samples in a span")
     if first.has(ALONG) or first.arrays.physics.keeps_length:
         raise ValueError(
-            "branches: Frenet torsion, contact of the cable with itself, grasps that slide, and "
-            "inextensible cables are not available"
+            "branches: Frenet torsion, grasps that slide, and inextensible cables are not available"
         )
+    counts = [(one.arrays.contact.pieces, one.arrays.contact.guide_pieces) for one in models]
+    pieces = np.max(counts, axis=0).tolist()
+    radius = obstacles.thickest(models)
+    fields = obstacles.fields_of(first.scene, radius) if first.has(bits.CONTACT) else ()
     starts = np.cumsum([0, *(model.n for model in models)]).tolist()
     holding = _all_held(models, joints, starts)
     sizes = sizes_of(
@@ -81,9 +89,11 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
         grasps=sum(model.arrays.sizes["grasps"] for model in models),
         loads=sum(model.arrays.sizes["loads"] for model in models),
         obstacles=first.arrays.sizes["obstacles"],
-        pieces=first.arrays.contact.pieces + first.arrays.contact.guide_pieces,
-        segments=first.arrays.sizes["segments"],
-        field_values=first.arrays.sizes["field_values"],
+        pieces=sum(pieces),
+        segments=max(model.arrays.sizes["segments"] for model in models),
+        chain_joints=len(touching),
+        field_values=sum(field.values.size for field in fields),
+        extras=len(beside.first),
         strands=len(models),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
@@ -105,12 +115,16 @@ def joined(models: Sequence[Model], joints: Sequence[Joint]) -> Model:
         first.rest,
         first.origin,
         first.obstacles,
-        first.fields,
+        fields,
     )
     arrays.axes[:] = first.arrays.axes
     arrays.physics = first.arrays.physics
-    _fill_contact(arrays, models)
     _fill_mesh(arrays.mesh, [model.arrays for model in models], starts)
+    if first.has(bits.CONTACT):
+        arrays.contact.pieces, arrays.contact.guide_pieces = pieces
+        obstacles.fill(model, models, beside)
+    arrays.chain.segments = arrays.sizes["segments"]
+    self_contact.fill_strands(model, models, touching)
     _fill_lines(arrays, [model.arrays for model in models], starts)
     values = held_values(model)
     fill_rows(model, values, _mass_solutions(models, model, values, starts))
@@ -131,9 +145,10 @@ def _fill_mesh(mesh: Mesh, parts: Sequence[CableArrays], starts: Sequence[int]) 
         if name == "branch":
             for k, (begin, end) in enumerate(zip(starts[:-1], starts[1:], strict=True)):
                 mesh.branch[begin:end] = k
-                mesh.strand[k] = begin, end
+                mesh.strand[k], mesh.length[k] = (begin, end), parts[k].mesh.length[0]
+                mesh.radius[k] = parts[k].mesh.radius[0]
             continue
-        if name == "strand":
+        if name in ("strand", "length", "radius"):
             continue
         lanes = [from_blocks(getattr(p.mesh, name), p.n - bspline.DEGREE) for p in parts]
         # `slope` and the stiffnesses have no meaning on void spans, but are divided by.
@@ -142,19 +157,6 @@ def _fill_mesh(mesh: Mesh, parts: Sequence[CableArrays], starts: Sequence[int]) 
         if name == "number":
             lanes = [one + k for k, one in enumerate(lanes)]
         getattr(mesh, name)[:] = to_blocks(_with_voids(lanes, void), beyond=void)
-
-
-def _fill_contact(arrays: CableArrays, models: Sequence[Model]) -> None:
-    """The obstacles of the first branch, and the samples of all that touch them."""
-    contact, first = arrays.contact, models[0].arrays.contact
-    if not first.count:
-        return
-    for name in contact.fields:
-        if name not in ("first", "basis", "weight", "begin", "end"):
-            setattr(contact, name, getattr(first, name))
-    pieces = contact.pieces, contact.guide_pieces
-    parts = [samples_by_span(model.knots, pieces, contact.radius) for model in models]
-    write_samples(contact, *map(_with_voids, zip(*parts, strict=True)))
 
 
 _BY_POINT = "mass", "factors", "damping", "twist", "weight", "frame_factors", "greville"

@@ -20,6 +20,7 @@ MARGIN = 3  # columns before the first control point
 PADDING = 16  # zeros before and behind a vector of all unknowns
 MOST_CORRECTIONS = 14  # of one implicit step with one matrix
 MOST_STAGES = 4  # of a Runge-Kutta method
+ROLL_SIZE = 7  # numbers of `State.roll`
 FRAME_SIZE = 8  # numbers of `State.frame`
 MOTION_SIZE = 36  # numbers of the motion of a grasp (`engine.grasps`)
 
@@ -101,6 +102,8 @@ class Mesh(Group):
     branch = Wholes("n")  # strand of each control point
     strand = Wholes("strands", 2)  # its first control point, and the one behind its last
     number = Lanes("blocks")  # of the strand of a span, -1 of void ones
+    length = Reals("strands")  # [m]
+    radius = Reals("strands")  # [m]
 
 
 class Physics(Group):
@@ -227,12 +230,16 @@ class Contact(Group):
     count = Whole()  # obstacles
     pieces = Whole()  # groups of a span that touch all but rings and channels
     guide_pieces = Whole()  # groups of a span that touch rings and channels, the last ones
+    extras = Whole()  # groups that touch all, between those two, of places beside the cable
     begin = Wholes("obstacles")  # first group that touches each obstacle
     end = Wholes("obstacles")  # behind the last one
     first = Wholes("groups")  # column of the first control point of their span
     basis = Lanes("groups", 4)  # basis functions
     slope = Lanes("groups", 4)  # their derivatives by the local coordinate
     weight = Lanes("groups")  # [m], 0 where there is no sample
+    place = Lanes("groups")  # material coordinate on its strand [m]
+    wider = Lanes("groups")  # by which the radius exceeds `radius` [m]; with meshes not above 0
+    heavier = Lanes("groups")  # mass per length over `density`
     core = Wholes("obstacles")  # HALF_SPACE, BOX, CYLINDER, TUBE or MESH
     half = Reals("obstacles", 3)  # size of the core along its axes
     reach = Reals("obstacles")  # by which the core is grown [m]
@@ -244,7 +251,8 @@ class Contact(Group):
     field_values = Reals("field_values")  # coefficients of the splines of all meshes [m]
     still = Reals(3)  # centre of the lines: the constant coordinate of planar motion [m]
     density = Number()  # mass per length [kg/m]
-    radius = Number()  # of the cable [m]
+    radius = Number()  # of the cable, with which `reach` counts [m]
+    leverage = Number()  # most by which a sample moves in the motion of its control points
     restitution = Number()
     least_margin = Number()  # of the broad phase [m]
 
@@ -254,11 +262,13 @@ class Chain(Group):
 
     segments = Whole()  # of a span
     basis = Lanes("chain_blocks", "corners", 4)  # basis functions at the corners of a span
-    arc = Reals("chain_spans")  # material coordinate where a span begins [m]
+    arc = Reals("chain_spans")  # material coordinate on its strand where a span begins [m]
     length = Reals("chain_spans")  # of a segment [m], 0 of void spans
+    radius = Reals("chain_spans")  # [m]
+    apart = Reals("chain_spans")  # along a strand, at which segments may touch [m]
+    joints = Reals("chain_joints", 5)  # `self_contact.ONE` to BESIDE
     law = Reals(5)  # `self_contact.STIFFNESS` to FRICTION
-    diameter = Number()  # [m]
-    apart = Number()  # along the cable, at which segments may touch [m]
+    diameter = Number()  # largest [m]
 
 
 class Inputs(Group):
@@ -292,6 +302,7 @@ class State(Group):
     slide = Reals("slides")  # material coordinate that it holds [m], or `sliding.LOST`
     slide_pose = Reals("slides", 12)  # of its gripper at the start and the end of a step, by line
     frame = Reals("grasps", FRAME_SIZE)  # in which a gripper's twist angle counts (`engine.grasps`)
+    roll = Reals("rolls", ROLL_SIZE)  # from which the roll of a body counts (`engine.roll`)
     matrix = Reals("unknowns", "width")  # LU factors of the last Newton matrix
     energy = Reals(len(ENERGIES))  # potential energies [J]
     energy_begin = Reals(len(ENERGIES))  # the same at the start of the account
@@ -451,7 +462,7 @@ class Work(Group):
     corner = Reals("corner_rows", "chain_spans")  # corners of the chain: 3 number + line
     corner_push = Reals("corner_rows", "chain_spans")  # forces there
     beside = Reals("chain_blocks")  # 1 where a block has a segment of a pair
-    pair_ends = Reals(27, "pairs")  # `self_contact.gather`
+    pair_ends = Reals(28, "pairs")  # `self_contact.gather`
     pair_law = Reals(25, "pairs")  # of the last `self_contact.add_force`
     pair_force = Reals(12, "pairs")  # on both ends of both segments
     pair_trial = Reals(3, "pairs")  # bristles at the end of the step

@@ -367,12 +367,18 @@ def rolled(cable, o, g, x, n):
     t1 = turned_back(pose, END, weighted(cable, x, g, slope))
     t = combined(1.0, t0, 1.0, t1)
     inverse = 1.0 / (sqrt(dot(t, t)) + TINY)
-    size = cable.contact.radius * inverse / (sqrt(dot(n, n)) + TINY)
+    size = (cable.contact.radius + cable.contact.wider[g]) * inverse / (sqrt(dot(n, n)) + TINY)
     own = line_at(cable, cable.work.change, g, cable.dim)
     return own - inverse * dot(obstacle_turn(pose), t), scaled(size, cross(t, n))
 
 
 # -- forces, energy, Jacobian --------------------------------------------------------------------
+
+
+@inline
+def reach_to(contact, o, g):
+    """By how much the core of an obstacle is grown where it meets the samples of a group."""
+    return contact.reach[o] + contact.wider[g]
 
 
 @inline
@@ -391,9 +397,9 @@ def misses(contact, o, g0, g1, dy):
 
 
 @inline
-def toward(contact, o, before, after, gaps, dy):
+def toward(contact, o, reach, before, after, gaps, dy):
     """n of a step dy between two `measured` with this sum of the gaps, and 1 where it may have
-    passed the obstacle.
+    passed the obstacle, grown by its `reach`.
     """
     n, m, jumped = three(before, NORMAL), three(after, NORMAL), zero()
     if contact.core[o] == HALF_SPACE:
@@ -403,7 +409,7 @@ def toward(contact, o, before, after, gaps, dy):
     mean = scaled(1.0 / (before[FAR] + after[FAR]), mean)
     far = sqrt(way)
     jumped = where(far - gaps, 1.0, 0.0) * where(0.5 - dot(n, m), 1.0, 0.0)
-    jumped = jumped * where(far - JUMP * contact.reach[o], 1.0, 0.0)
+    jumped = jumped * where(far - JUMP * reach, 1.0, 0.0)
     # Not across the opening of a ring, from one side to the other.
     jumped = jumped * where(-dot(n, dy), 1.0, where(dot(m, dy), 1.0, 0.0))
     return combined(1.0, mean, (closing - dot(mean, dy)) / (way + SMOOTH), dy), jumped
@@ -437,7 +443,7 @@ def add_force(cable, steps, x, out):
     contact, state, work = cable.contact, cable.state, cable.work
     worked, lost, jumps, deep, touched = zero(), zero(), zero(), zero(), 0
     for o in range(contact.count):
-        law, pose, reach = contact.law[o], state.pose[o], contact.reach[o]
+        law, pose = contact.law[o], state.pose[o]
         rubbed, k_t = steps and law[FRICTION] > 0.0, law[BRISTLE]
         for k in range(int(state.near_count[o])):
             g = int(state.near[o, k])
@@ -447,6 +453,7 @@ def add_force(cable, steps, x, out):
                 work.measured[o, g, ENDED],
             )
             dy = combined(1.0, three(after, PLACE), -1.0, three(before, PLACE))
+            reach = reach_to(contact, o, g)
             g0, g1, w = before[DISTANCE] - reach, after[DISTANCE] - reach, contact.weight[g]
             touch, overlap = work.touch[o, g], state.overlap[o, g]
             if misses(contact, o, g0, g1, dy):
@@ -455,7 +462,7 @@ def add_force(cable, steps, x, out):
                     lost += 0.5 * k_t * w * release(cable, o, g)
                 continue
             g0, g1 = g0 + overlap[0], g1 + overlap[1]
-            n, jumped = toward(contact, o, before, after, g0 + g1, dy)
+            n, jumped = toward(contact, o, reach, before, after, g0 + g1, dy)
             lands = 1.0 - state.slides[o, g, 0]
             damped = law[STIFFNESS] * (DAMPED + (0.5 - DAMPED) * lands) if steps else zero()
             p, slope, loss = pressure(law[STIFFNESS], damped, lands, g0, g1)
@@ -463,7 +470,7 @@ def add_force(cable, steps, x, out):
             touch[TURN] = p / (before[FAR] + after[FAR])
             put(touch, TOWARD, n)
             jumps += where(w, jumped, 0.0)
-            deep += where(w, where(-g1 - contact.middle[o], 1.0, 0.0), 0.0)
+            deep += where(w, where(-g1 - contact.wider[g] - contact.middle[o], 1.0, 0.0), 0.0)
             bits = bits_above(p) | bits_above(g1) << LANES
             lost += w * loss
             worked += w * (overlap[0] - overlap[1]) * p
@@ -505,7 +512,7 @@ def energy(cable, x, out):
         for k in range(int(state.near_count[o])):
             g = int(state.near[o, k])
             measure(cable, o, g, ENDED, x)
-            gap = cable.work.measured[o, g, ENDED][DISTANCE] - contact.reach[o]
+            gap = cable.work.measured[o, g, ENDED][DISTANCE] - reach_to(contact, o, g)
             deep, z = depth(gap + state.overlap[o, g, 1]), three(state.bristle[o, g], 0)
             stored = law[STIFFNESS] * deep * deep + law[BRISTLE] * dot(z, z)
             sum_ += 0.5 * contact.weight[g] * stored
@@ -664,7 +671,7 @@ def body_velocity(pose, y, f, g):
 @inline
 def is_pressed(cable, o, g):
     """Whether any sample of a group is pressed at the end of a step, as last looked at."""
-    gap = cable.work.measured[o, g, ENDED][DISTANCE] - cable.contact.reach[o]
+    gap = cable.work.measured[o, g, ENDED][DISTANCE] - reach_to(cable.contact, o, g)
     return any_above(-(gap + cable.state.overlap[o, g, 1]))
 
 
@@ -735,7 +742,8 @@ def impulses_at(cable, o, g, across, excess):
     """Impulses of friction and pressure of the samples of a group, less those of the step, for
     velocities from `excess_velocity`.
     """
-    kept, stiff = cable.work.impulses[o, g], STOP * cable.contact.density
+    kept, contact = cable.work.impulses[o, g], cable.contact
+    stiff = STOP * contact.density * contact.heavier[g]
     rub = combined(1.0, three(kept, SLID), -stiff * kept[STICKS], across)
     return rub, where(kept[PUSHED], kept[KNOWN] - stiff * excess, 0.0)
 
@@ -758,8 +766,9 @@ def begin_impulses(cable, tau, v):
             expect(cable, o, g, tau)
             across, excess = excess_velocity(cable, o, g, v)
             lacking = where(kept[PUSHED], excess * excess, 0.0) + kept[STICKS] * dot(across, across)
-            open_ += contact.weight[g] * lacking
-            spent += contact.weight[g] * kept[PUSHED] * kept[PUSHED]
+            w, heavier = contact.weight[g], contact.heavier[g]
+            open_ += w * heavier * lacking
+            spent += w / heavier * kept[PUSHED] * kept[PUSHED]
     return 0.5 * contact.density * lane_sum(open_), 0.5 / contact.density * lane_sum(spent)
 
 
@@ -768,13 +777,14 @@ def add_impulses(cable, v, push, band):
     """push += impulses on samples that have the velocities v, and band += their dependence on a
     change of v: penalties for other velocities than those after contact, and friction that slides.
     """
-    contact, stiff, span, none = cable.contact, STOP * cable.contact.density, -1, zero()
+    contact, span, none = cable.contact, -1, zero()
     for o in range(contact.count):
         for k in range(int(cable.state.near_count[o])):
             g = int(cable.state.near[o, k])
             if not is_pressed(cable, o, g):
                 continue
             kept, w = cable.work.impulses[o, g], contact.weight[g]
+            stiff = STOP * contact.density * contact.heavier[g]
             n, hold = three(kept, UNIT), stiff * kept[STICKS]
             across, excess = excess_velocity(cable, o, g, v)
             rub, pushed = impulses_at(cable, o, g, across, excess)
@@ -798,7 +808,7 @@ def validate_impulses(cable, tau, v, last):
     and the work of the obstacles [J]. If not, and not at the `last` time, `work.impulses` is set
     anew.
     """
-    contact, stiff = cable.contact, STOP * cable.contact.density
+    contact = cable.contact
     worked, wrong = zero(), zero()
     cable.state.balance.stopped = 1.0
     for o in range(contact.count):
@@ -807,6 +817,7 @@ def validate_impulses(cable, tau, v, last):
             if not is_pressed(cable, o, g):
                 continue
             kept, w = cable.work.impulses[o, g], contact.weight[g]
+            stiff = STOP * contact.density * contact.heavier[g]
             p, holds, slid = kept[PUSHED], kept[STICKS], three(kept, SLID)
             across, excess = excess_velocity(cable, o, g, v)
             f, push = impulses_at(cable, o, g, across, excess)
@@ -853,7 +864,7 @@ def find_near(cable, x, margin):
         near, room = 0, margin + contact.reach[o]
         for g in range(contact.begin[o], contact.end[o]):
             measure(cable, o, g, BEGUN, x)
-            left = room - cable.work.measured[o, g, BEGUN][DISTANCE]
+            left = room + contact.wider[g] - cable.work.measured[o, g, BEGUN][DISTANCE]
             if any_above(where(fabs(contact.weight[g]), left, 0.0)):
                 state.near[o, near] = g
                 near += 1
@@ -865,14 +876,14 @@ def find_near(cable, x, margin):
 
 @inline
 def largest_way(cable, change):
-    """By how much control points move at most [m]."""
+    """By how much samples move at most [m]."""
     most = 0.0
     for c in range(MARGIN, MARGIN + cable.n):
         way = 0.0
         for d in range(cable.dim):
             way += change[d, c] * change[d, c]
         most = max(most, way)
-    return np.sqrt(most)
+    return cable.contact.leverage * np.sqrt(most)
 
 
 @kernel(void, CABLE, float64, float64, float64, LINES, terms=CONTACT)
@@ -907,14 +918,15 @@ def decay_overlap(cable, tau):
     """Let the overlap with obstacles become less in a step of length tau."""
     contact, state, left = cable.contact, cable.state, zero()
     for o in range(contact.count):
-        most = PRESSED * EARTH * contact.density / contact.law[o, STIFFNESS]
         for k in range(int(state.near_count[o])):
             g = int(state.near[o, k])
+            most = PRESSED * EARTH * contact.density * contact.heavier[g]
+            most, reach = most / contact.law[o, STIFFNESS], reach_to(contact, o, g)
             overlap = state.overlap[o, g]
             before = overlap[0]
             if not any_above(before):
                 continue
-            deep = contact.reach[o] - cable.work.measured[o, g, BEGUN][DISTANCE]
+            deep = reach - cable.work.measured[o, g, BEGUN][DISTANCE]
             grown = FOLLOWED * (overlap[2] - deep)  # out of it in the last step
             grown = where(grown - most * tau / RISE, grown, most * tau / RISE)
             grown = where(grown - RETURN * tau, RETURN * tau, grown)
@@ -962,10 +974,11 @@ def commit(cable, tau):
             if contact.law[o, FRICTION] > 0.0:
                 put(state.bristle[o, g], 0, three(cable.work.trial[o, g], 0))
             state.slides[o, g, 0] = slides_along(cable, o, g, tau)
-            deep = contact.reach[o] - cable.work.measured[o, g, ENDED][DISTANCE]
+            reach = reach_to(contact, o, g)
+            deep = reach - cable.work.measured[o, g, ENDED][DISTANCE]
             # Of the start of the step, for `decay_overlap`.
             begun = cable.work.measured[o, g, BEGUN][DISTANCE]
-            state.overlap[o, g, 2] = contact.reach[o] - begun
+            state.overlap[o, g, 2] = reach - begun
             deep = where(fabs(contact.weight[g]), deep - state.overlap[o, g, 1], 0.0)
             deepest = where(deep - deepest, deep, deepest)
         if any_above(deepest - state.deepest[o]):
@@ -1011,7 +1024,7 @@ def report(address, obstacle, out):
     for g in range(contact.begin[o], contact.end[o]):
         measure(cable, o, g, ENDED, state.x)
         kept, z = cable.work.measured[o, g, ENDED], three(state.bristle[o, g], 0)
-        gap, n = kept[DISTANCE] - contact.reach[o], three(kept, NORMAL)
+        gap, n = kept[DISTANCE] - reach_to(contact, o, g), three(kept, NORMAL)
         f = combined(-law[STIFFNESS] * depth(gap + state.overlap[o, g, 1]), n, -law[BRISTLE], z)
         f = combined(1.0, to_lines(pose, END, f), 1.0, three(state.stopped[o, g], 0))
         f = scaled(contact.weight[g], f)

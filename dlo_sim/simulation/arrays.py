@@ -34,6 +34,8 @@ def sizes_of(
     bodies: int = 0,
     strands: int = 1,
     rolls: tuple[int, int] = (0, 0),
+    extras: int = 0,
+    chain_joints: int = 0,
 ) -> dict[str, int]:
     """Sizes of all dimensions that `engine.arrays` names.
 
@@ -41,7 +43,8 @@ def sizes_of(
         terms: bits of the active terms. pieces: groups of samples of a span that touch bodies, 0
             without obstacles. segments: of a span, that touch each other, or 0. field_values: of
             meshes that are obstacles. bodies: rigid ones. rolls: rows between twist angles and
-            bodies, rigid ones and ones that give.
+            bodies, rigid ones and ones that give. extras: groups of samples beside the cable.
+            chain_joints: of strands, near which they do not touch each other.
     """
     lines, unknowns = dim + twist, n * (dim + twist)
     spans = n - DEGREE
@@ -78,13 +81,14 @@ def sizes_of(
         "grasps": grasps,
         "loads": loads,
         "obstacles": obstacles,
-        "groups": pieces * spans,
+        "groups": pieces * spans + extras,
         "field_values": field_values,
         "segments": segments,
         "corners": (segments + 1) * chain,
         "corner_rows": 3 * (segments + 1) * chain,
         "chain_blocks": blocks * chain,
         "chain_spans": LANES * blocks * chain,
+        "chain_joints": chain_joints,
         "pairs": LANES * -(-pairs // LANES),
         "near_pairs": (n - DEGREE) * min(n - DEGREE, NEAR) * chain,
         "coupled": unknowns * chain,
@@ -121,16 +125,22 @@ def to_blocks(values: Array, beyond: float = 0.0) -> Array:
     return np.ascontiguousarray(np.moveaxis(by_lane, 1, -1))
 
 
-def resampled(groups: Array, pieces: tuple[int, int], counts: tuple[int, int]) -> Array:
+def resampled(
+    groups: Array, pieces: tuple[int, int], counts: tuple[int, int], extras: int = 0
+) -> Array:
     """Values of samples, shape (groups, ..., LANES), with `pieces` groups of a span, of each of two
     sets, for `counts` groups of a span: each is that of the nearest sample, or 0 where there was
-    none.
+    none. Those of the `extras` between the two stay.
     """
     if pieces == counts:
         return groups
-    inner, spans = groups.shape[1:-1], len(groups) // sum(pieces)
-    parts, at = [], 0
+    inner, spans = groups.shape[1:-1], (len(groups) - extras) // sum(pieces)
+    parts: list[Array] = []
+    at = 0
     for few, count in zip(pieces, counts, strict=True):
+        if parts:
+            parts.append(groups[at : at + extras])
+            at += extras
         by_span = groups[at : at + spans * few].reshape(spans, few, *inner, LANES)
         by_span = np.moveaxis(by_span, -1, 2).reshape(spans, few * LANES, *inner)
         at += spans * few

@@ -15,13 +15,14 @@ from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs
+from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.arrays import from_blocks, sizes_of, to_blocks, without_margins
+from dlo_sim.simulation.connector_shape import beside, groups_of
 from dlo_sim.simulation.geometry import Geometries
 from dlo_sim.simulation.held_rows import fill_rows, held_values
 from dlo_sim.simulation.holding import Holding, Point, Row
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.net import Layout, joining, layout_of, rolls_of
-from dlo_sim.simulation.obstacles import samples_by_span, write_samples
 
 Array = NDArray[np.float64]
 LIGHT = 1e-3  # of a third of a span: mass of a body that has none of its own
@@ -31,20 +32,28 @@ VOID = {"padding": 1.0, "slope": 1.0, "axial": 1.0, "bending": 1.0, "torsional":
 
 
 def joined(
-    scene: Scene, needs: Needs, geometries: Geometries, models: Mapping[str, Model]
+    scene: Scene,
+    needs: Needs,
+    geometries: Geometries,
+    models: Mapping[str, Model],
+    radius: float,
 ) -> Model:
     """One model of all strands.
 
     Args:
         geometries: what holds them, by the names of all. models: of each alone, by its name.
+        radius: of the thickest strand or connector [m].
     """
     layout, first = layout_of(scene, geometries, models), next(iter(models.values()))
     parts = list(layout.parts.values())
-    holding = held_by_all(layout, len(first.axes))
+    holding = held_by_all(layout, len(first.axes), first.twist)
     rolls = rolls_of(layout) if first.twist else []
+    rigid = sum(math.isinf(one.stiffness) for one in rolls)
     terms = sum_of_terms(models) & ~(bits.BORDERED | bits.SPRUNG) | holding.terms
     sizes = sizes_of(
-        terms=terms | bits.BORDERED * bool(rolls) | bits.RIGID * bool(layout.bodies),
+        terms=terms
+        | bits.RIGID * bool(layout.bodies)
+        | (bits.BORDERED | bits.ROLLED) * bool(rolls),
         dim=len(first.axes),
         twist=first.twist,
         n=layout.n,
@@ -58,6 +67,9 @@ def joined(
         field_values=first.arrays.sizes["field_values"],
         bodies=len(layout.bodies),
         strands=len(parts),
+        rolls=(rigid, len(rolls) - rigid),
+        chain_joints=len(layout.joins),
+        extras=groups_of(scene.connectors) * ("contact" in needs),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
     model = Model(
@@ -83,7 +95,7 @@ def joined(
     )
     arrays.axes[:] = first.arrays.axes
     arrays.physics = first.arrays.physics
-    _Joining(model, layout).fill()
+    _Joining(model, layout, radius).fill()
     return model
 
 
@@ -98,7 +110,8 @@ def sum_of_terms(models: Mapping[str, Model]) -> int:
 class _Joining:
     """Writes the arrays of a net from those of its strands."""
 
-    def __init__(self, model: Model, layout: Layout) -> None:
+    def __init__(self, model: Model, layout: Layout, radius: float) -> None:
+        self._radius = radius
         self._model, self._arrays, self._layout = model, model.arrays, layout
         self._parts = list(layout.parts.values())
         self._each = [part.model.arrays for part in self._parts]
@@ -107,6 +120,7 @@ class _Joining:
         model, layout = self._model, self._layout
         self._mesh()
         self._contact()
+        self_contact.fill(model, self._joints())
         self._masses()
         self._loads()
         self._numbers()
@@ -123,37 +137,50 @@ class _Joining:
             given.idle[number] = alone[body.points]
             given.length[number] = [sign * body.length for sign in body.signs]
             given.stiffness[number] = RIGID * cable.EA * body.length
+        rolls = self._arrays.rolls
+        for number, roll in enumerate(rolls_of(layout) if model.twist else []):
+            rolls.body[number], rolls.first[number] = roll.body, roll.place.first
+            rolls.weights[number], rolls.stiffness[number] = roll.place.weights, roll.stiffness
+            rolls.along[number], rolls.side[number] = roll.along, roll.side
 
     def _mesh(self) -> None:
         mesh = self._arrays.mesh
         for name in mesh.fields:
-            if name in ("branch", "strand"):
+            if name in ("branch", "strand", "length", "radius"):
                 continue
             void = VOID.get(name, 0.0)
             lanes = [
                 from_blocks(getattr(one.mesh, name), one.n - bspline.DEGREE) for one in self._each
             ]
             getattr(mesh, name)[:] = to_blocks(self._layout.by_span(lanes, void), beyond=void)
-        mesh.branch[:] = len(self._parts)
         numbers = [np.full(one.n - bspline.DEGREE, float(k)) for k, one in enumerate(self._each)]
         mesh.number[:] = to_blocks(self._layout.by_span(numbers, -1.0), beyond=-1.0)
         for number, part in enumerate(self._parts):
             mesh.branch[part.here] = number
             mesh.strand[number] = part.here.start, part.here.stop
+            mesh.length[number] = part.length
+            mesh.radius[number] = 0.5 * part.model.scene.cable.diameter
+        names = [part.name for part in self._parts]
+        for body in self._layout.bodies:
+            mesh.branch[body.first : body.first + bspline.ACTIVE] = names.index(body.strand)
 
     def _contact(self) -> None:
         """The obstacles, which are those of every strand, and the samples of all."""
-        contact, first = self._arrays.contact, self._each[0].contact
-        if not first.count:
-            return
-        for name in contact.fields:
-            if name not in ("first", "basis", "slope", "weight", "begin", "end"):
-                setattr(contact, name, getattr(first, name))
-        pieces = contact.pieces, contact.guide_pieces
-        samples = [
-            samples_by_span(part.model.knots, pieces, contact.radius) for part in self._parts
+        contact, model = self._arrays.contact, self._model
+        contact.pieces = self._each[0].contact.pieces
+        contact.guide_pieces = self._each[0].contact.guide_pieces
+        if "contact" in model.needs:
+            density = self._parts[0].model.scene.cable.mu
+            samples = beside(model.bodies, density, self._radius)
+            obstacles.fill(model, self._radius, samples)
+
+    def _joints(self) -> list[self_contact.Joined]:
+        """Where strands that are joined do not touch each other."""
+        numbers = {part.name: number for number, part in enumerate(self._parts)}
+        return [
+            self_contact.Joined((numbers[one.strand], one.u), (numbers[one.other], one.at))
+            for one in self._layout.joins
         ]
-        write_samples(contact, *map(self._layout.by_span, zip(*samples, strict=True)))
 
     def _masses(self) -> None:
         """Matrices and vectors by control point, with the bodies'."""
@@ -222,7 +249,7 @@ class _Joining:
         physics.bending_round_off = sum(one.bending_round_off for one in each)
 
 
-def held_by_all(layout: Layout, dim: int) -> Holding:
+def held_by_all(layout: Layout, dim: int, twist: bool) -> Holding:
     """What the holders of all strands hold, and what joins the strands."""
     out = Holding()
     at_points: list[Row] = []
@@ -241,7 +268,7 @@ def held_by_all(layout: Layout, dim: int) -> Holding:
             replace(row, point=row.point + known, grasp=row.grasp + part.grasp)
             for row in held.springs
         ]
-    for one in joining(layout, dim):
+    for one in joining(layout, dim, twist):
         if isinstance(one, Point):
             number = out.hold(one)
         else:

@@ -33,7 +33,7 @@ class Model:
         scene, needs: what it was made of: a scene that leaves nothing open, with which terms.
         geometries: what holds the cable, grasps as they took it, relative to `origin`.
         arrays: those of its cables, without inputs, state and work.
-        knots: clamped knot vector, shape (n + 4,). rule: quadrature.
+        knots: clamped knot vector of the main cable, shape (n_u + 4,). rule: quadrature.
         axes: world axis of every spatial line. twist: whether a twist line follows.
         holding: held points, constraint rows and springs.
         axial_stiffness: EA [N]. bending_stiffness: EI of every span [N m^2], stiffened by jaws,

@@ -35,7 +35,7 @@ from dlo_sim.simulation.model import Model
 Array = NDArray[np.float64]
 Pressure = tuple[Array, Array]
 """Places on the cable as shares of its length, rising, and force per length there [N/m]; linear
-between them."""
+between them. Those on strand number k count from 2 k on."""
 UNTOUCHED: Pressure = np.zeros(1), np.zeros(1)
 ROUNDED = 1e-9  # diameters of overlap that are round-off
 STRETCHED = 1.1  # lengths that a cable reaches
@@ -262,12 +262,14 @@ class Contact(NamedTuple):
         pressure: largest force per length of cable [N/m].
         u: material coordinates of the samples that touch [m], shape (k,). points: there on the axis
             of the cable [m], shape (k, 3). forces: on the cable [N], shape (k, 3).
-        passes: material coordinates [m] at which the cable goes through the middle of the opening
-            of a ring or channel, rising; empty for other shapes.
+        passes: material coordinates [m] at which the cable, its first strand, goes through the
+            middle of the opening of a ring or channel, rising; empty for other shapes.
         tensions: of the cable [N] one and a half knot spans before and behind what touches, shape
-            (2,); empty if nothing does, or if its shape does not determine the tension.
+            (2,); empty if nothing does, or if its shape does not determine the tension; those of
+            the first strand.
         deepest: so far in the run that the cable was pressed in [m], without overlap that decays.
             stiffness: force per length and penetration [N/m^2].
+        strands: number of the strand of each of `u`, shape (k,).
     """
 
     clearance: float
@@ -280,6 +282,7 @@ class Contact(NamedTuple):
     tensions: Array
     deepest: float = 0.0
     stiffness: float = 0.0
+    strands: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
 
     @property
     def exerted(self) -> float:
@@ -302,15 +305,17 @@ def contact_with(cable: Cable, number: int, tension: Callable[[Array], Array] | 
     Args:
         number: of the obstacle. tension: [N] at material coordinates [m]; None = not known.
     """
-    model = cable.model
-    u, weights, found, _ = _samples(cable, number)
+    model, group = cable.model, cable.arrays.contact
+    u, strands, weights, found, at = _samples(cable, number)
     touches = np.any(found[:, 1:] != 0.0, axis=1)
     forces = np.zeros((int(touches.sum()), 3))
     forces[:, list(model.axes)] = found[touches, 1 : 1 + len(model.axes)]
-    points = np.zeros((0, 3))
-    if len(forces):
-        points = bspline.evaluate(cable.points[:, :3], model.knots, u[touches]) + model.origin
+    own, lane = np.divmod(at[touches], LANES)
+    columns = (group.first[own] - MARGIN)[:, None] + np.arange(bspline.ACTIVE)
+    basis = np.asarray(group.basis)[own, :, lane]
+    points = np.einsum("mk,mkd->md", basis, cable.points[columns, :3]) + model.origin
     sizes = np.linalg.norm(forces, axis=1) / weights[touches]
+    main = u[touches & (strands == 0)]
     return Contact(
         clearance=float(found[:, 0].min()),
         force=forces.sum(axis=0),
@@ -319,37 +324,52 @@ def contact_with(cable: Cable, number: int, tension: Callable[[Array], Array] | 
         points=points,
         forces=forces,
         passes=passes(cable, number),
-        tensions=tensions_beside(model.knots, u[touches], tension),
+        tensions=tensions_beside(model.knots, main, tension),
         deepest=float(cable.arrays.state.deepest[number]),
-        stiffness=float(cable.arrays.contact.law[number, contact.STIFFNESS]),
+        stiffness=float(group.law[number, contact.STIFFNESS]),
+        strands=strands[touches],
     )
 
 
-def _samples(cable: Cable, number: int) -> tuple[Array, Array, Array, NDArray[np.int64]]:
-    """Material coordinates [m], rising, and weights [m] of the samples that may touch an obstacle,
-    their gaps [m] and forces (`engine.contact.report`), shape (k, 4), and their numbers, LANES
-    times the group plus the lane.
+class _Samples(NamedTuple):
+    """Samples that may touch an obstacle: material coordinates [m], rising on each strand; numbers
+    of the strands; weights [m]; gaps [m] and forces (`engine.contact.report`), shape (k, 4);
+    numbers, LANES times the group plus the lane.
     """
-    model, group = cable.model, cable.arrays.contact
+
+    u: Array
+    strands: NDArray[np.int64]
+    weights: Array
+    found: Array
+    at: NDArray[np.int64]
+
+
+def _samples(cable: Cable, number: int) -> _Samples:
+    """All those of one obstacle."""
+    group, branch = cable.arrays.contact, cable.arrays.mesh.branch
     reported = np.zeros((len(group.first), 4 * LANES))
     cable.call(contact.report, number, reported)
-    numbers = np.arange(len(reported) * LANES).reshape(-1, LANES, 1)
-    rows = np.concatenate([reported.reshape(-1, LANES, 4), numbers], axis=-1)
-    begin, end, spans = group.begin[number], group.end[number], model.n - bspline.DEGREE
-    found = rows[begin:end].reshape(spans, -1, rows.shape[-1])
-    rule = rule_of(tuple(model.knots.tolist()), (end - begin) // spans, group.radius)
-    there = rule.weights != 0.0
-    u = rule.places(bspline.breaks(model.knots))[there]
-    found = found[there]
-    return u, rule.weights[there], found[:, :4], found[:, 4].astype(int)
+    own = slice(group.begin[number], group.end[number])
+    place, weights = np.asarray(group.place)[own], np.asarray(group.weight)[own]
+    there = weights != 0.0
+    at = np.flatnonzero(there) + LANES * own.start
+    strands = branch[group.first[at // LANES] - MARGIN]
+    found = reported.reshape(-1, LANES, 4)[own][there]
+    return _Samples(place[there], strands, weights[there], found, at)
+
+
+def _along(cable: Cable, u: Array, strands: NDArray[np.int64]) -> Array:
+    """Material coordinates [m] on strands as in `Pressure`."""
+    return 2.0 * strands + u / cable.arrays.mesh.length[strands]
 
 
 def pressure_by(cable: Cable, number: int) -> Pressure:
     """Pressure of an obstacle on the cable at rest in the present configuration."""
-    u, _, rows, at = _samples(cable, number)
+    u, strands, _, rows, at = _samples(cable, number)
     depth = np.maximum(-rows[:, 0] - _overlap(cable, number)[:, 1].ravel()[at], 0.0)
-    stiff = cable.arrays.contact.law[number, contact.STIFFNESS]
-    return u / cable.model.knots[-1], stiff * depth
+    stiff, along = cable.arrays.contact.law[number, contact.STIFFNESS], _along(cable, u, strands)
+    order = np.argsort(along, kind="stable")
+    return along[order], stiff * depth[order]
 
 
 def _overlap(cable: Cable, number: int) -> Array:
@@ -365,10 +385,10 @@ def let_overlap(cable: Cable, number: int, kept: Pressure, let_be: float = 0.0) 
     Args:
         let_be: pressure [N/m] up to which it may press, if the cable is SHALLOW inside.
     """
-    u, _, rows, at = _samples(cable, number)
+    u, strands, _, rows, at = _samples(cable, number)
     group, overlap = cable.arrays.contact, _overlap(cable, number)
     stiff, thick = group.law[number, contact.STIFFNESS], group.least_margin
-    depth = -rows[:, 0] - np.interp(u / cable.model.knots[-1], *kept) / stiff
+    depth = -rows[:, 0] - np.interp(_along(cable, u, strands), *kept) / stiff
     least = max(min(let_be / stiff, contact.SHALLOW * thick), ROUNDED * thick)
     before = overlap[:, 1].ravel()[at]
     most = float(depth.max())
@@ -382,17 +402,16 @@ def let_overlap(cable: Cable, number: int, kept: Pressure, let_be: float = 0.0) 
 
 
 def tension_along(cable: Cable) -> Callable[[Array], Array] | None:
-    """Tension [N] of a cable by material coordinates [m], linear between the middles of its knot
-    spans; None if its shape does not determine it.
+    """Tension [N] of the first strand by material coordinates [m], linear between the middles of
+    its knot spans; None if its shape does not determine it.
     """
-    scene = cable.model.scene
+    scene, own, knots = cable.model.scene, cable.model.parts[0].here, cable.model.knots
     if scene.without_tension:
         return None
-    ends = bspline.breaks(cable.model.knots)
+    ends = bspline.breaks(knots)
     middles = 0.5 * (ends[1:] + ends[:-1])
-    shape, stiff = strain(cable.model.knots, middles), scene.cable
-    main = cable.model.parts[0]
-    values = shape.tension(cable.points[main.here, :3], stiff.EA, stiff.EI)
+    shape, stiff = strain(knots, middles), scene.cable
+    values = shape.tension(cable.points[own, :3], stiff.EA, stiff.EI)
     return lambda u: np.interp(u, middles, values)
 
 
@@ -407,17 +426,18 @@ def tensions_beside(knots: Array, u: Array, tension: Callable[[Array], Array] | 
 def passes(cable: Cable, number: int) -> Array:
     """`Contact.passes` of an obstacle where it is now."""
     model, obstacle = cable.model, cable.model.scene.bodies[number]
+    own, knots = model.parts[0].here, model.knots
     if obstacle.shape not in GUIDES:
         return np.zeros(0)
     opening, pose = 0.5 * obstacle.size[0], cable.arrays.state.pose[number]
     axes = [*model.axes, *({0, 1, 2} - {*model.axes})]  # as the pose has them (`contact.set_pose`)
-    points = (cable.points[:, :3] - model.rest)[:, axes] - pose[9:12]
+    points = (cable.points[own, :3] - model.rest)[:, axes] - pose[9:12]
 
     def place(u: Array) -> Array:
         """Points of the cable in the frame of the obstacle."""
-        return bspline.evaluate(points, model.knots, u) @ pose[:9].reshape(3, 3)
+        return bspline.evaluate(points, knots, u) @ pose[:9].reshape(3, 3)
 
-    u = np.linspace(0.0, model.knots[-1], PASSES * (model.n - bspline.DEGREE) + 1)
+    u = np.linspace(0.0, knots[-1], PASSES * (len(points) - bspline.DEGREE) + 1)
     z = place(u)[:, 2]
     first = np.flatnonzero((z[1:] > 0.0) != (z[:-1] > 0.0))
     low, high, above = u[first], u[first + 1], z[first] > 0.0
@@ -580,28 +600,57 @@ def pieces_of(scene: Scene) -> tuple[int, int]:
     return wanted, in_guides
 
 
-def fill(model: Model) -> None:
-    """Constants of the contact with the obstacles of a scene."""
-    scene, group = model.scene, model.arrays.contact
-    radius = 0.5 * scene.cable.diameter
-    group.count = len(group.core)
+class Beside(NamedTuple):
+    """Samples of places beside the cable, such as of a body on it.
+
+    Attributes:
+        first: control point with which each group of LANES begins, shape (groups,).
+        values: of its samples, as in `samples_by_span`, shape (groups, LANES, 12).
+    """
+
+    first: NDArray[np.int64]
+    values: Array
+
+
+NONE_BESIDE = Beside(np.zeros(0, dtype=np.int64), np.zeros((0, LANES, 12)))
+
+
+def fill(model: Model, radius: float, beside: Beside = NONE_BESIDE) -> None:
+    """Constants of the contact with the obstacles of a scene.
+
+    Args:
+        radius: [m] of the thickest strand or connector, for which obstacles and the fields of
+            meshes are made.
+    """
+    scene, group, parts = model.scene, model.arrays.contact, model.parts
+    cables = [part.model.scene.cable for part in parts]
+    group.count, group.extras = len(group.core), len(beside.first)
     group.still[:] = model.rest
     group.density, group.restitution = scene.cable.mu, scene.contact.restitution
-    group.least_margin = scene.cable.diameter
-    group.radius = radius
+    group.least_margin = min(cable.diameter for cable in cables)
+    group.radius, group.leverage = radius, 1.0
+    if group.extras:
+        group.leverage = max(1.0, float(np.abs(beside.values[..., :4]).sum(axis=-1).max()))
     for k, obstacle in enumerate(scene.bodies[: group.count]):
         core = core_of(obstacle, radius)
         flat = core.kind == shapes.HALF_SPACE
         group.core[k], group.half[k], group.reach[k] = core
-        stiff = stiffness(scene, obstacle)
+        stiff = max(stiffness(part.model.scene, obstacle) for part in parts)
         group.law[k] = stiff, BRISTLES * stiff, scene.friction_of(obstacle)
         group.middle[k] = math.inf if flat else MIDDLE * (min(core.half) + core.reach)
         if core.kind == shapes.MESH:
             _fill_field(obstacle, radius, group, k)
         # The cable is never further from what it touches.
-        group.extent[k] = 2.0 * scene.cable.length if flat else math.hypot(*core.half)
+        long = 2.0 * sum(cable.length for cable in cables)
+        group.extent[k] = long if flat else math.hypot(*core.half)
     pieces = group.pieces, group.guide_pieces
-    write_samples(group, *samples_by_span(model.knots, pieces, radius))
+    spans = model.n - bspline.DEGREE
+    bodies, guides = (np.zeros((spans, count * LANES, 12)) for count in pieces)
+    for part, cable in zip(parts, cables, strict=True):
+        own = 0.5 * cable.diameter, 0.5 * cable.diameter - radius, cable.mu / scene.cable.mu
+        here = part.spans
+        bodies[here], guides[here] = samples_by_span(part.model.knots, pieces, *own)
+    write_samples(group, bodies, guides, beside)
 
 
 def _fill_field(obstacle: Obstacle, radius: float, group: ContactArrays, number: int) -> None:
@@ -613,9 +662,8 @@ def _fill_field(obstacle: Obstacle, radius: float, group: ContactArrays, number:
     group.field_values[first : first + field.values.size] = field.coefficients.ravel()
 
 
-def fields_of(scene: Scene) -> tuple[Field, ...]:
-    """The fields of all meshes."""
-    radius = 0.5 * scene.cable.diameter
+def fields_of(scene: Scene, radius: float) -> tuple[Field, ...]:
+    """The fields of all meshes, for a cable of this radius [m]."""
     return tuple(
         field_of(obstacle, radius) for obstacle in scene.bodies if obstacle.shape == "mesh"
     )
@@ -647,6 +695,7 @@ def sample_rule(knots: Array, pieces: int) -> quadrature.Quadrature:
     places = quadrature.Quadrature(xi, np.ones(xi.shape)).places(bspline.breaks(knots))
     apart = np.diff(places.ravel())
     weights = (0.5 * (np.append(apart, 0.0) + np.append(0.0, apart))).reshape(xi.shape)
+    weights[np.diff(bspline.breaks(knots)) == 0.0] = 0.0
     values = values_of_spans(knots, xi)
     lacking = (knots[bspline.ACTIVE :] - knots[: -bspline.ACTIVE]) / bspline.ACTIVE
     here = np.arange(len(xi))[:, None] + np.arange(bspline.ACTIVE)
@@ -659,32 +708,40 @@ def sample_rule(knots: Array, pieces: int) -> quadrature.Quadrature:
     return quadrature.Quadrature(xi, weights)
 
 
-def samples_by_span(knots: Array, pieces: tuple[int, int], radius: float) -> tuple[Array, Array]:
-    """Basis functions, weights, and derivatives of the basis functions by the local coordinate,
-    shape (spans, samples, 9), of samples that touch rings and channels, second, and of those that
-    touch all else (`pieces_of`).
+def samples_by_span(
+    knots: Array, pieces: tuple[int, int], radius: float, wider: float, heavier: float
+) -> tuple[Array, Array]:
+    """Basis functions (4), weight, their derivatives by the local coordinate (4), `place`, `wider`
+    and `heavier` of `engine.arrays.Contact`, shape (spans, samples, 12), of samples that touch
+    rings and channels, second, and of those that touch all else (`pieces_of`).
     """
-    found = [np.zeros((len(bspline.breaks(knots)) - 1, 0, 9))] * 2
+    found = [np.zeros((len(bspline.breaks(knots)) - 1, 0, 12))] * 2
     for k, count in enumerate(pieces):
         if count:
             rule = rule_of(tuple(knots.tolist()), count, radius)
             values, slopes = (values_of_spans(knots, rule.xi, order) for order in (0, 1))
-            found[k] = np.concatenate([values, rule.weights[..., None], slopes], axis=-1)
+            places = rule.places(bspline.breaks(knots))
+            same = [np.full(places.shape, one) for one in (wider, heavier)]
+            rest = np.stack([places, *same], axis=-1)
+            found[k] = np.concatenate([values, rule.weights[..., None], slopes, rest], axis=-1)
     return found[0], found[1]
 
 
-def write_samples(group: ContactArrays, bodies: Array, guides: Array) -> None:
+def write_samples(group: ContactArrays, bodies: Array, guides: Array, beside: Beside) -> None:
     """Write `samples_by_span` as groups, and which of them touch each obstacle."""
     spans, is_guide = len(bodies), group.core == shapes.TUBE
-    begin_guides = spans * group.pieces
-    group.begin[:] = np.where(is_guide, begin_guides, 0)
-    group.end[:] = np.where(is_guide, len(group.first), begin_guides)
-    values = np.concatenate([one.reshape(-1, LANES, 9) for one in (bodies, guides)])
+    begin = spans * group.pieces
+    group.begin[:] = np.where(is_guide, begin, 0)
+    group.end[:] = np.where(is_guide, len(group.first), begin + group.extras)
+    every = (one.reshape(-1, LANES, 12) for one in (bodies, beside.values, guides))
+    values = np.concatenate(list(every))
     group.basis[:] = values[..., :4].swapaxes(1, 2)
     group.weight[:] = values[..., 4]
-    group.slope[:] = values[..., 5:].swapaxes(1, 2)
-    by_piece = [np.repeat(np.arange(spans), k) for k in (group.pieces, group.guide_pieces)]
-    group.first[:] = MARGIN + np.concatenate(by_piece)
+    group.slope[:] = values[..., 5:9].swapaxes(1, 2)
+    group.place[:], group.wider[:] = values[..., 9], values[..., 10]
+    group.heavier[:] = np.where(values[..., 11], values[..., 11], 1.0)  # is divided by
+    own, in_guides = (np.repeat(np.arange(spans), k) for k in (group.pieces, group.guide_pieces))
+    group.first[:] = MARGIN + np.concatenate([own, beside.first, in_guides])
 
 
 def values_of_spans(knots: Array, xi: Array, order: int = 0) -> Array:
