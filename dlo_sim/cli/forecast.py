@@ -60,7 +60,8 @@ def run(options: argparse.Namespace) -> int:
     from dlo_sim.simulation.simulator import Simulator
 
     def along(scene: "Scene") -> "Array":
-        return Simulator(scene, begin, near=simulator).forecast(plan, options.every).centerline
+        finer = Simulator(scene, begin, near=simulator)
+        return finer.forecast(plan, options.every).lines(scene)
 
     accuracy: dict[str, Any] = {"error_estimate": None, "advice": ""}
     with progress_bar("forecast"):
@@ -71,9 +72,8 @@ def run(options: argparse.Namespace) -> int:
             simulator = Simulator(scene, begin)
             found = simulator.forecast(plan, options.every)
             if scene.estimates_errors and len(found.times):
-                error, advice = error_along(
-                    simulator, found.centerline, along, found.control_points_needed
-                )
+                places, needed = found.lines(scene), found.control_points_needed
+                error, advice = error_along(simulator, places, along, needed)
                 accuracy = {"error_estimate": error.numbers, "advice": advice}
         except (PlanError, ValueError) as refusal:
             raise CommandError(str(refusal)) from None

@@ -74,6 +74,10 @@ class Forecast:
             u, points, line, curvature = (self.net[f"{strand.name}.{key}"] for key in keys)
             yield Shapes(u, points, line, curvature, self.net.get(f"{strand.name}.{TENSION}"))
 
+    def lines(self, scene: Scene) -> Array:
+        """Points of all cables [m], one after another, shape (S, cables n_c, 3)."""
+        return np.concatenate([one.centerline for one in self.cables(scene)], axis=1)
+
     @property
     def contact(self) -> dict[str, float]:
         """Largest sum `total` and largest one `largest` of the forces that obstacles and the cable
