@@ -15,6 +15,9 @@ along F^T, the constraints are C y = 0, and a Newton correction y for the residu
 A joint that gives, a spring of stiffness k between two branches, lies outside the band. Its change
 of force f = - k C y gives the same with C Z + 1 / k in place of C Z.
 
+The rolls of strands on bodies (`engine.roll`) are border rows, too, whose F and C depend on the
+configuration. Where a rigid one is still open by a gap, a correction fulfils C y = -gap.
+
 Adding multiples of F^T C to K does not change y. It is done because K is singular if only border
 rows support a cable at rest. For a row between two places, F = a + b, the product lies outside the
 band. At rest (`ground_border`) g (a^T a + b^T b) is added instead,
@@ -612,8 +615,8 @@ def invert_pivoted(a, size, order):
                 store(a, best, j, load(a, k, j))
             store(a, k, j, row)
         for i in range(size):
-            if i != k:
-                factor = a[i, k]
+            factor = a[i, k]
+            if i != k and factor != 0.0:  # rows far apart do not meet in F F^T
                 a[i, k] = 0.0
                 for j in range(0, size, LANES):
                     store(a, i, j, load(a, i, j) - factor * load(a, k, j))
