@@ -5,15 +5,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from cables import scene_of
 
-from dlo_sim.core import mass
+from dlo_sim.core import bspline, mass
 from dlo_sim.core.methods import METHODS
 from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays
+from dlo_sim.methods import between_steps, relax_step
 from dlo_sim.scene.needs import needs_of
-from dlo_sim.simulation.arrays import without_margins
-from dlo_sim.simulation.build_model import build_model
+from dlo_sim.simulation.arrays import from_blocks, sizes_of, to_blocks, without_margins
+from dlo_sim.simulation.build_model import build_model, fill_rows, held_values
 from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import geometries_of
+from dlo_sim.simulation.holding import Holding, Row
 from dlo_sim.simulation.stepper import Stepper
 
 FREE = {
@@ -101,9 +104,8 @@ def factorize(arrays, n):
             factors[3 + k, :-k] = lower[k - 1, k:]
 
 
-def model_of(*values, **more):
+def model_of(scene):
     """The model of a scene, which may be changed."""
-    scene = scene_of(*values, **more)
     return build_model(scene, needs_of(scene), geometries_of(scene))
 
 
@@ -111,7 +113,7 @@ class Loose:
     """Bodies alone: the spans of the cable are void, and its other control points particles."""
 
     def __init__(self, bodies, *values, method="energy_momentum", step=1e-3, n=8, **more):
-        model = model_of(FREE, *values, n=n, **more)
+        model = model_of(scene_of(FREE, *values, n=n, **more))
         mesh = model.arrays.mesh
         for name in ("slopes", "values", "share", "linear", "guard", "weight"):
             getattr(mesh, name)[:] = 0.0
@@ -153,3 +155,168 @@ class Loose:
             linear += push.sum(axis=0)
             angular += np.cross(points[own], push).sum(axis=0)
         return linear, angular
+
+
+@dataclass(frozen=True)
+class Roll:
+    """A roll row (`engine.arrays.Rolls`); as a rule along the first director of the body."""
+
+    body: int
+    first: int
+    weights: tuple[float, ...]
+    stiffness: float = np.inf
+    along: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    side: tuple[float, float, float] = (0.0, 1.0, 0.0)
+
+
+VOID = {"padding": 1.0, "slope": 1.0, "axial": 1.0, "bending": 1.0}
+
+
+class Assembly:
+    """Strands, bodies and what joins them in one set of arrays.
+
+    Args:
+        parts: scenes of strands, or how many loose control points follow. bodies: at the control
+            points of all. rolls: rigid ones first. rows: points and lines of further border rows.
+    """
+
+    def __init__(self, parts, bodies, rolls, rows=(), method="energy_momentum", step=1e-3):
+        models = [part if isinstance(part, int) else model_of(part) for part in parts]
+        counts = [one if isinstance(one, int) else one.n for one in models]
+        starts = np.cumsum([0, *counts]).tolist()
+        strands = [(m, b) for m, b in zip(models, starts, strict=False) if not isinstance(m, int)]
+        first, n = strands[0][0], starts[-1]
+        holding = self._holding(strands, rows)
+        grasps = sum(model.arrays.sizes["grasps"] for model, _ in strands)
+        giving = sum(np.isfinite(roll.stiffness) for roll in rolls)
+        samples = first.arrays.sizes["samples"]
+        terms = first.terms | bits.RIGID | bits.ROLLED | bits.BORDERED
+        sizes = sizes_of(
+            terms=terms,
+            dim=3,
+            twist=True,
+            n=n,
+            samples=samples,
+            holding=holding,
+            grasps=grasps,
+            loads=0,
+            obstacles=0,
+            pieces=0,
+            segments=0,
+            bodies=len(bodies),
+            rolls=(len(rolls) - giving, giving),
+        )
+        arrays = CableArrays(sizes, inputs=None, state=None, work=None)
+        arrays.axes[:], arrays.physics = first.arrays.axes, first.arrays.physics
+        self.starts, self.models, self.bodies, self.n = starts, models, bodies, n
+        self._fill(arrays, strands)
+        for k, body in enumerate(bodies):
+            arrays.bodies.point[k], arrays.bodies.idle[k] = body.points, body.idle
+            arrays.bodies.length[k], arrays.bodies.stiffness[k] = body.lengths, body.stiffness
+            add_mass(arrays.linear.mass[0], n, body)
+        for k, roll in enumerate(rolls):
+            for name in ("body", "first", "weights", "stiffness", "along", "side"):
+                getattr(arrays.rolls, name)[k] = getattr(roll, name)
+        factorize(arrays, n)
+        model = replace(first, arrays=arrays, holding=holding)
+        values = held_values(model)
+        twisting = [int(point.twist) for point in holding.points]
+        shifts = [
+            model.mass_solutions(row[None], twist)[0]
+            for row, twist in zip(values, twisting, strict=True)
+        ]
+        fill_rows(model, values, np.reshape(shifts, values.shape))
+        self.cable = Cable(model)
+        self.cable.motion[:] = np.concatenate([motion_of(m) for m, _ in strands])
+        self.cable.pull(0.0)
+        self.cable.point_grasps(0.0)
+        self.stepper = Stepper(self.cable, METHODS[method], step)
+        self.steps = 0
+
+    @staticmethod
+    def _holding(strands, rows):
+        out, at_points, grasps = Holding(), [], 0
+        for model, begin in strands:
+            known = len(out.points)
+            for point in model.holding.points:
+                own = point.own + begin if point.own >= 0 else -1
+                out.hold(replace(point, first=point.first + begin, own=own))
+            for row in model.holding.rows:
+                at_points.append(replace(row, point=row.point + known, grasp=row.grasp + grasps))
+            assert not model.holding.border and not model.holding.springs
+            grasps += model.arrays.sizes["grasps"]
+        between = []
+        for point, line in rows:
+            between.append(Row(out.hold(point), -1, line))
+        out.rows = at_points + between
+        return out
+
+    @staticmethod
+    def _fill(arrays, strands):
+        mesh, linear, n = arrays.mesh, arrays.linear, arrays.n
+        for name in mesh.fields:
+            if name == "branch":
+                continue
+            parts = [from_blocks(getattr(m.arrays.mesh, name), m.n - 3) for m, _ in strands]
+            whole = np.full((n - 3, *parts[0].shape[1:]), VOID.get(name, 0.0))
+            for part, (_, begin) in zip(parts, strands, strict=True):
+                whole[begin : begin + len(part)] = part
+            getattr(mesh, name)[:] = to_blocks(whole, beyond=VOID.get(name, 0.0))
+        slopes, held = np.zeros((4, n)), np.ones(n, dtype=bool)
+        without_margins(linear.mass[1], n)[3] = 1e-6
+        for model, begin in strands:
+            here = slice(begin, begin + model.n)
+            mesh.branch[here] = begin
+            for name in ("mass", "damping", "twist", "weight", "greville"):
+                into, of = getattr(linear, name), getattr(model.arrays.linear, name)
+                if of.size:
+                    without_margins(into, n)[..., here] = without_margins(of, model.n)
+            slopes[:, here] = mass.gram(model.knots, 1, model.rule)
+            held[begin + 1 : begin + model.n] = False
+        lower, inverse = mass.factorize(slopes, held)
+        factors = without_margins(linear.frame_factors, n)
+        factors[3] = inverse
+        for k in range(1, 4):
+            factors[3 - k] = lower[k - 1]
+            factors[3 + k, :-k] = lower[k - 1, k:]
+
+    def put(self, points, rates=None):
+        """Place and start to count the rolls, at the twist angles of their strands."""
+        self.cable.put(points, np.zeros_like(points) if rates is None else rates)
+        self.count()
+        self.cable.open_account()
+
+    def count(self):
+        rolls = self.cable.arrays.rolls
+        for k, (first, weights) in enumerate(zip(rolls.first, rolls.weights, strict=True)):
+            angle = weights @ self.cable.points[first : first + 4, 3]
+            self.cable.call(between_steps.count_roll, k, float(angle))
+
+    advance, directors = Loose.advance, Loose.directors
+
+
+def motion_of(model):
+    """Motions of the grasps of a scene at rest."""
+    cable = Cable(model)
+    EndDrive(model.scene, model.geometries, model.knots).live_in(cable.motion)
+    return cable.motion
+
+
+def straight(model, begin, along=(1.0, 0.0, 0.0)):
+    """Control points of a straight strand without twist, shape (n, 4)."""
+    line = np.outer(bspline.greville(model.knots), along) + begin
+    return np.column_stack([line, np.zeros(model.n)])
+
+
+def relaxed(cable, length, twist=False):
+    """Bring a cable into the equilibrium near its present shape, which must be stable."""
+    begun, pseudo = cable.arrays.state.x.copy(), 1e-3
+    given = np.zeros((3, 3)), begun, cable.anchors.copy(), length, twist, False
+    for _ in range(60):
+        before = cable.state.copy()
+        iterations, _ = cable.call(relax_step.relax_step, pseudo, *given)
+        if iterations == 0:
+            cable.state[:] = before
+        pseudo *= 10.0 if iterations else 0.1
+    assert pseudo > 1e20
+    assert cable.call(relax_step.is_stable, pseudo, *given)

@@ -18,7 +18,7 @@ from dlo_sim.core import bspline
 from dlo_sim.core.quadrature import Quadrature
 from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays, Mesh
-from dlo_sim.simulation import obstacles
+from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.arrays import from_blocks, sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.build_model import fill_rows, held_values, terms_of_holding
 from dlo_sim.simulation.holding import Holding, Point, Row, Weights
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 VOID = bspline.DEGREE  # knot spans between two branches
 HELD = bits.BORDERED | bits.SPRUNG  # terms of what holds a branch
 # Terms that follow the cable from one end to the other, or slide along it.
-ALONG = bits.TORSION | bits.SLIDING | bits.SELF
+ALONG = bits.TORSION | bits.SLIDING
 
 
 @dataclass(frozen=True)
@@ -51,16 +51,17 @@ def joined(
     models: Sequence[Model],
     joints: Sequence[Joint],
     beside: obstacles.Beside = obstacles.NONE_BESIDE,
+    touching: Sequence[self_contact.Joined] = (),
 ) -> Model:
     """One model of several branches.
 
     The grasps of the branches follow each other, and so do springs and loads. Obstacles and all
     numbers in `physics` are those of the first branch. `beside`: samples that touch obstacles, too.
+    `touching`: joints near which branches do not touch each other.
 
     Raises:
         ValueError: branches of different lines, terms or samples, with terms that follow a cable
-            from one end to the other (Frenet torsion, contact with itself) or slide along it, or
-            inextensible ones.
+            from one end to the other (Frenet torsion) or slide along it, or inextensible ones.
     """
     first = models[0]
     for model in models:
@@ -70,8 +71,7 @@ def joined(
             raise ValueError("branches: need the same lines, terms, and samples in a span")
     if first.has(ALONG) or first.arrays.physics.keeps_length:
         raise ValueError(
-            "branches: Frenet torsion, contact of the cable with itself, grasps that slide, and "
-            "inextensible cables are not available"
+            "branches: Frenet torsion, grasps that slide, and inextensible cables are not available"
         )
     counts = [(one.arrays.contact.pieces, one.arrays.contact.guide_pieces) for one in models]
     pieces = np.max(counts, axis=0).tolist()
@@ -90,7 +90,8 @@ def joined(
         loads=sum(model.arrays.sizes["loads"] for model in models),
         obstacles=first.arrays.sizes["obstacles"],
         pieces=sum(pieces),
-        segments=first.arrays.sizes["segments"],
+        segments=max(model.arrays.sizes["segments"] for model in models),
+        chain_joints=len(touching),
         field_values=sum(field.values.size for field in fields),
         extras=len(beside.first),
         strands=len(models),
@@ -122,6 +123,8 @@ def joined(
     if first.has(bits.CONTACT):
         arrays.contact.pieces, arrays.contact.guide_pieces = pieces
         obstacles.fill(model, models, beside)
+    arrays.chain.segments = arrays.sizes["segments"]
+    self_contact.fill_strands(model, models, touching)
     _fill_lines(arrays, [model.arrays for model in models], starts)
     values = held_values(model)
     fill_rows(model, values, _mass_solutions(models, model, values, starts))
@@ -143,8 +146,9 @@ def _fill_mesh(mesh: Mesh, parts: Sequence[CableArrays], starts: Sequence[int]) 
             for k, (begin, end) in enumerate(zip(starts[:-1], starts[1:], strict=True)):
                 mesh.branch[begin:end] = k
                 mesh.strand[k], mesh.length[k] = (begin, end), parts[k].mesh.length[0]
+                mesh.radius[k] = parts[k].mesh.radius[0]
             continue
-        if name in ("strand", "length"):
+        if name in ("strand", "length", "radius"):
             continue
         lanes = [from_blocks(getattr(p.mesh, name), p.n - bspline.DEGREE) for p in parts]
         # `slope` and the stiffnesses have no meaning on void spans, but are divided by.

@@ -8,6 +8,8 @@ xi = (u - mid) / (h / 2) in [-1, 1]; all evaluation goes through those cubics.
 from __future__ import annotations
 
 import functools
+import itertools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +59,25 @@ def clamped_knots(control_points: int, length: float, grading: Grading = EQUAL) 
     return np.concatenate((np.zeros(DEGREE), ends, np.full(DEGREE, length)))
 
 
+def cut(knots: Array, places: Sequence[float]) -> Array:
+    """Knots of a spline that may bend and twist sharply at these places [m], rising, inside it:
+    there they are threefold, so that only the curve itself goes on. Between the places the spans
+    are equal, at least two, and as many in all as far as that allows; each place adds two control
+    points.
+    """
+    if not places:
+        return knots
+    length, spans = float(knots[-1]), len(breaks(knots)) - 1
+    ends = np.array([0.0, *places, length])
+    pieces = [
+        np.linspace(a, b, max(round(spans * (b - a) / length), 2) + 1)
+        for a, b in itertools.pairwise(ends)
+    ]
+    inside = [np.concatenate((piece[:-1], [piece[-1]] * DEGREE)) for piece in pieces[:-1]]
+    found = [inside[0], *(one[1:] for one in inside[1:]), pieces[-1][1:]]
+    return np.concatenate((np.zeros(DEGREE), *found, np.full(DEGREE, length)))
+
+
 def breaks(knots: Array) -> Array:
     """Ends of the knot spans [m], shape (n_spans + 1,)."""
     return knots[DEGREE : len(knots) - DEGREE]
@@ -70,7 +91,8 @@ def span_polynomials(knots: Array, derivative: int = 0) -> Array:
 
     Returns:
         Coefficients [1/m^derivative], shape (n_spans, 4 basis functions, 4 - derivative powers of
-        xi), read-only; basis function k of span s belongs to control point s + k.
+        xi), read-only; basis function k of span s belongs to control point s + k. Zero for spans
+        between equal knots.
 
     Source: de Boor, A Practical Guide to Splines, 1978, ch. X.
     """
@@ -84,6 +106,7 @@ def _span_polynomials(knot_bytes: bytes, derivative: int) -> Array:
     index = np.arange(n_spans) + DEGREE
     mid = 0.5 * (knots[index] + knots[index + 1])
     half = 0.5 * (knots[index + 1] - knots[index])
+    empty = half == 0.0  # between equal knots
     basis = np.zeros((n_spans, 1, ACTIVE))
     basis[:, 0, 0] = 1.0
     for degree in range(1, DEGREE + 1):
@@ -92,14 +115,16 @@ def _span_polynomials(knot_bytes: bytes, derivative: int) -> Array:
             # Lower-degree function k lives on knots [left, right] and feeds its two neighbours.
             left = knots[index - degree + 1 + k]
             right = knots[index + 1 + k]
-            part = basis[:, k] / (right - left)[:, None]
+            part = basis[:, k] / np.where(empty, 1.0, right - left)[:, None]
             shifted = np.zeros_like(part)
             shifted[:, 1:] = part[:, :-1] * half[:, None]
             raised[:, k + 1] += (mid - left)[:, None] * part + shifted
             raised[:, k] += (right - mid)[:, None] * part - shifted
         basis = raised
     for _ in range(derivative):
-        basis = basis[..., 1:] * np.arange(1, basis.shape[-1]) / half[:, None, None]
+        basis = basis[..., 1:] * np.arange(1, basis.shape[-1])
+        basis /= np.where(empty, 1.0, half)[:, None, None]
+    basis[empty] = 0.0
     basis.flags.writeable = False
     return basis
 

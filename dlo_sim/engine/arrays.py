@@ -20,6 +20,7 @@ MARGIN = 3  # columns before the first control point
 PADDING = 16  # zeros before and behind a vector of all unknowns
 MOST_CORRECTIONS = 14  # of one implicit step with one matrix
 MOST_STAGES = 4  # of a Runge-Kutta method
+ROLL_SIZE = 7  # numbers of `State.roll`
 FRAME_SIZE = 8  # numbers of `State.frame`
 MOTION_SIZE = 36  # numbers of the motion of a grasp (`engine.grasps`)
 
@@ -102,6 +103,7 @@ class Mesh(Group):
     strand = Wholes("strands", 2)  # its first control point, and the one behind its last
     number = Lanes("blocks")  # of the strand of a span, -1 of void ones
     length = Reals("strands")  # [m]
+    radius = Reals("strands")  # [m]
 
 
 class Physics(Group):
@@ -260,11 +262,13 @@ class Chain(Group):
 
     segments = Whole()  # of a span
     basis = Lanes("chain_blocks", "corners", 4)  # basis functions at the corners of a span
-    arc = Reals("chain_spans")  # material coordinate where a span begins [m]
+    arc = Reals("chain_spans")  # material coordinate on its strand where a span begins [m]
     length = Reals("chain_spans")  # of a segment [m], 0 of void spans
+    radius = Reals("chain_spans")  # [m]
+    apart = Reals("chain_spans")  # along a strand, at which segments may touch [m]
+    joints = Reals("chain_joints", 5)  # `self_contact.ONE` to BESIDE
     law = Reals(5)  # `self_contact.STIFFNESS` to FRICTION
-    diameter = Number()  # [m]
-    apart = Number()  # along the cable, at which segments may touch [m]
+    diameter = Number()  # largest [m]
 
 
 class Inputs(Group):
@@ -298,6 +302,7 @@ class State(Group):
     slide = Reals("slides")  # material coordinate that it holds [m], or `sliding.LOST`
     slide_pose = Reals("slides", 12)  # of its gripper at the start and the end of a step, by line
     frame = Reals("grasps", FRAME_SIZE)  # in which a gripper's twist angle counts (`engine.grasps`)
+    roll = Reals("rolls", ROLL_SIZE)  # from which the roll of a body counts (`engine.roll`)
     matrix = Reals("unknowns", "width")  # LU factors of the last Newton matrix
     energy = Reals(len(ENERGIES))  # potential energies [J]
     energy_begin = Reals(len(ENERGIES))  # the same at the start of the account
@@ -457,7 +462,7 @@ class Work(Group):
     corner = Reals("corner_rows", "chain_spans")  # corners of the chain: 3 number + line
     corner_push = Reals("corner_rows", "chain_spans")  # forces there
     beside = Reals("chain_blocks")  # 1 where a block has a segment of a pair
-    pair_ends = Reals(27, "pairs")  # `self_contact.gather`
+    pair_ends = Reals(28, "pairs")  # `self_contact.gather`
     pair_law = Reals(25, "pairs")  # of the last `self_contact.add_force`
     pair_force = Reals(12, "pairs")  # on both ends of both segments
     pair_trial = Reals(3, "pairs")  # bristles at the end of the step

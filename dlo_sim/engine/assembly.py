@@ -19,6 +19,7 @@ from dlo_sim.engine import (
     plasticity,
     pressure,
     rigid_body,
+    roll,
     self_contact,
     sliding,
     torsion,
@@ -65,6 +66,7 @@ def all_forces(cable, x, out):
     torsion.force(cable, x, x, out)
     pressure.force(cable, x, x, out)
     rigid_body.force(cable, x, x, out)
+    roll.force(cable, x, x, out)
     buoyancy.force(cable, x, x, out)
     bishop.force(cable, x, x, out)
     contact.add_force(cable, NO, x, out)
@@ -95,6 +97,7 @@ def all_energies(cable, x, out):
     torsion.energy(cable, x, out)
     pressure.energy(cable, x, out)
     rigid_body.energy(cable, x, out)
+    roll.energy(cable, x, out)
     buoyancy.energy(cable, x, out)
     bishop.energy(cable, x, out)
     plasticity.energy(cable, x, out)

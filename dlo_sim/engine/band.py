@@ -47,6 +47,7 @@ from dlo_sim.engine.arrays import (
     PADDING,
     RIGID,
     ROLLED,
+    STATIC_TWIST,
     VECTOR,
 )
 from dlo_sim.engine.skyline import substitute_skyline, substitute_skyline_columns
@@ -510,6 +511,17 @@ def set_border(cable, pushed, ahead):
     set_gram(cable)
 
 
+@kernel(void, CABLE, LINES, LINES, boolean, terms=ROLLED)
+def set_roll_border(cable, pushed, ahead, whole):
+    """Set F of the rolls anew, with (F F^T)^-1, and if `whole` C, too, as `set_border`."""
+    work, first = cable.work, cable.rows.border
+    write_border(cable, first, pushed, work.roll_force, NO, work.border_push)
+    write_border(cable, first, pushed, work.roll_force, YES, work.border_force)
+    if whole:
+        write_border(cable, first, ahead, work.roll_condition, YES, work.border_condition)
+    set_gram(cable)
+
+
 @inline
 def set_gram(cable):
     """(F F^T)^-1 of the rigid rows."""
@@ -680,8 +692,18 @@ def solve_border(cable, band, share):
                 for r in range(4 * cable.lines if at >= PADDING else 0):
                     sums += work.border_condition[j, w, r] * load(z, at + r, column)
             store(system, j, column, sums)
-        system[j, j] += work.border_compliance[j] / share
+        system[j, j] += work.border_compliance[j] / share_of(cable, j, share)
     invert_pivoted(system, count, work.border_order)
+
+
+@inline
+def share_of(cable, k, share):
+    """Share of the stiffness of border row k in the matrix: all of it in a step, for moments that
+    act as at its end.
+    """
+    row = border_row(cable, k)
+    whole = cable.terms & STATIC_TWIST != 0 if row < 0 else cable.rows.line[row] == cable.dim
+    return min(2.0 * share, 1.0) if whole else share
 
 
 @inline

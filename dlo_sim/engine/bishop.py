@@ -30,8 +30,9 @@ from __future__ import annotations
 import numpy as np
 from numba import boolean, float64, void
 
-from dlo_sim.compiling.kernels import inline, kernel
+from dlo_sim.compiling.kernels import YES, inline, kernel
 from dlo_sim.compiling.lanes import LANES, lane, lane_sum, sqrt, where, zero
+from dlo_sim.engine import roll
 from dlo_sim.engine.arrays import (
     BISHOP,
     CABLE,
@@ -312,7 +313,7 @@ def follow_springs(cable, psi, x, t):
     """
     rows, points, state = cable.rows, cable.points, cable.state
     for k in range(rows.count, rows.count + rows.springs):
-        if rolls(cable, k):
+        if rolls(cable, k) and rows.grasp[k] >= 0:
             grasp, point, xi = rows.grasp[k], rows.point[k], rows.xi[k]
             span = points.first[point]
             m, share = cable.inputs.motion[grasp], 0.0
@@ -333,6 +334,16 @@ def follow_springs(cable, psi, x, t):
             state.anchor[k] += moved
             state.anchor_counted[k] += moved
             count_from(m, state.frame[grasp], t, r, new, state.anchor[k])
+
+
+@inline
+def difference_at(cable, point, psi):
+    """Difference of psi between the two places of a point between strands."""
+    points, value = cable.points, 0.0
+    for k in range(4):
+        value += points.weights[point, k] * psi[MARGIN + points.first[point] + k]
+        value += points.other_weights[point, k] * psi[MARGIN + points.other[point] + k]
+    return value
 
 
 @kernel(void, CABLE, float64, terms=BISHOP)
@@ -372,8 +383,14 @@ def follow_shape(cable, t):
         state.counted[twist, at] += psi[at]
         state.history[0, twist, at] += psi[at]
         state.history[1, twist, at] += psi[at]
+    for k in range(rows.count + rows.springs):
+        if rows.line[k] == twist and rows.grasp[k] < 0:
+            turned = difference_at(cable, rows.point[k], psi)
+            state.anchor[k] += turned
+            state.anchor_counted[k] += turned
     for k in range(rows.count):
-        if rows.line[k] == twist:
+        if rows.line[k] == twist and rows.grasp[k] >= 0:
             state.frame[rows.grasp[k], ANGLE] += psi[MARGIN + cable.points.own[rows.point[k]]]
     follow_springs(cable, psi, x, t)
+    roll.follow(cable, YES)
     copy(x, reference)

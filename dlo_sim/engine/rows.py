@@ -288,11 +288,12 @@ def set_held_rates(cable, t):
 @inline
 def target_of(cable, k):
     """Target of a row or spring k whose direction does not turn: twist angle of its grasp in
-    `work.held`, or a coordinate of its attachment point or direction; 0 between branches.
+    `work.held`, or a coordinate of its attachment point or direction; between strands the
+    difference of twist angles that is untwisted (`bishop.follow_shape`), or 0.
     """
     line, g = cable.rows.line[k], cable.rows.grasp[k]
     if g < 0:
-        return 0.0
+        return cable.state.anchor[k] if line == cable.dim else 0.0
     held = cable.work.held[g]
     if line == cable.dim:
         return held[TWIST]
@@ -308,7 +309,7 @@ def set_targets(cable, t):
         held = work.held[g]
         held[TWIST] = prescribed_twist(cable.inputs.motion[g], cable.state.frame[g], t, held)
     for k in range(rows.count):
-        share = cable.points.sum[rows.point[k]]
+        share = cable.points.sum[rows.point[k]] if rows.grasp[k] >= 0 else 1.0
         if not turns(cable, k):
             work.targets[k] = share * target_of(cable, k)
             continue

@@ -2,10 +2,12 @@
 
 **Segments.** The cable is a chain of short straight segments between corners, points of its curve
 at fixed material coordinates. Two segments touch unless they are closer than `chain.apart` along
-the cable. At the shares s, t of the two, m = a(s) - b(t) is the vector between their axes, and
+one strand, or both near a joint of their strands (`chain.joints`). At the shares s, t of the two,
+m = a(s) - b(t) is the vector between their axes, and
     d^2 = min over s, t of |m|^2 + r_a (s - 1/2)^2 + r_b (t - 1/2)^2
 their smoothed squared distance: r, a small share of the squared length of a segment, makes s and
-t unique and continuous where segments are parallel. The gap is g = d - diameter.
+t unique and continuous where segments are parallel. The gap is g = d - D, with the sum D of the
+radii of both.
 
 **A step** from (s0, t0, d0) to (s1, t1, d1). The squared distance is a minimum of functions that
 are linear in the squares and products of the vectors between the four ends. Hence a share c in
@@ -25,7 +27,7 @@ bristle, of the length of the penetration times mu, begins anew; its energy is l
 
 Where the contact goes over, two pairs share the pressure: for a moment it is up to twice as stiff.
 
-**Strands that overlap** when a run begins would fling each other out. They touch with a diameter
+**Strands that overlap** when a run begins would fling each other out. They touch with a sum D
 that is less by as much as they overlap and grows back at the speed RETURN, as the reach of
 obstacles does (`engine.contact`). The gap then changes by the growth, too, and p times the
 growth is the work that it does.
@@ -73,8 +75,11 @@ MEETING = 1e-6  # shares of a segment beyond its ends where it still meets other
 FAR = 1e3  # [m] between the segments of lanes without a pair
 
 # Rows of `Work.pair_ends`: both ends of both segments at the start and at the end of a step, r of
-# both, length.
-BEGUN, ENDED, BLUNT_A, BLUNT_B, LONG = 0, 12, 24, 25, 26
+# both, length, sum of the radii.
+BEGUN, ENDED, BLUNT_A, BLUNT_B, LONG, THICK = 0, 12, 24, 25, 26, 27
+# Of a joint: strand and material coordinate [m] of its one and its other place, and the distance
+# from it along both [m] up to which segments do not touch.
+ONE, ONE_AT, OTHER, OTHER_AT, BESIDE = range(5)
 # Rows of `Work.pair_law`: s0, t0, s1, t1, c; minus derivatives of the force of a pair, by rows (9),
 # by the motion of m at s1, t1, which changes the gap, and by that at the mean shares, against which
 # friction holds; the pressure; whether the step may have crossed.
@@ -138,12 +143,14 @@ def lengths_of_pairs(cable):
         beside[b] = 0.0
     for p in range(count + -count % LANES):
         ends[BLUNT_A, p] = ends[BLUNT_B, p] = 1.0
-        ends[LONG, p] = 0.0
+        ends[LONG, p] = ends[THICK, p] = 0.0
         if p < count:
             a, b, _, _ = pair_of(cable, cable.state.pair[0, p])
-            ends[BLUNT_A, p] = BLUNT * min(chain.length[a], LONGEST * chain.diameter) ** 2
-            ends[BLUNT_B, p] = BLUNT * min(chain.length[b], LONGEST * chain.diameter) ** 2
+            most_a, most_b = 2.0 * LONGEST * chain.radius[a], 2.0 * LONGEST * chain.radius[b]
+            ends[BLUNT_A, p] = BLUNT * min(chain.length[a], most_a) ** 2
+            ends[BLUNT_B, p] = BLUNT * min(chain.length[b], most_b) ** 2
             ends[LONG, p] = 0.5 * (chain.length[a] + chain.length[b])
+            ends[THICK, p] = chain.radius[a] + chain.radius[b]
             beside[a // LANES] = beside[b // LANES] = 1.0
 
 
@@ -251,8 +258,8 @@ def add_force(cable, rate, x1, out):
     count, balance = int(state.balance.pairs), state.balance
     if count == 0:
         return
-    thick0 = chain.diameter - balance.pair_overlap
-    thick1 = chain.diameter - balance.pair_overlap_end if rate > 0.0 else thick0
+    less0 = balance.pair_overlap
+    less1 = balance.pair_overlap_end if rate > 0.0 else less0
     ends, kept, forces, law = work.pair_ends, work.pair_law, work.pair_force, chain.law
     k_t, mu = law[BRISTLE], law[FRICTION]
     whole = k_t + law[BRISTLE_DAMPING] * rate + TINY
@@ -265,7 +272,8 @@ def add_force(cable, rate, x1, out):
     still = none, none, none
     for p in range(0, count, LANES):
         blunt = load(ends, BLUNT_A, p), load(ends, BLUNT_B, p)
-        wide = load(ends, LONG, p)
+        wide, thick = load(ends, LONG, p), load(ends, THICK, p)
+        thick0, thick1 = thick - less0, thick - less1
         before, after = segments_at(ends, begun, p), segments_at(ends, ENDED, p)
         s1, t1, square1 = nearest(after, blunt)
         s0, t0, square0 = s1, t1, square1
@@ -333,7 +341,7 @@ def energy(cable, x, out):
     for p in range(0, count, LANES):
         blunt = load(ends, BLUNT_A, p), load(ends, BLUNT_B, p)
         _, _, square = nearest(segments_at(ends, ENDED, p), blunt)
-        deep = depth(sqrt(square) - (chain.diameter - state.balance.pair_overlap))
+        deep = depth(sqrt(square) - (load(ends, THICK, p) - state.balance.pair_overlap))
         z = loaded(state.pair, 1, p)
         stored = chain.law[STIFFNESS] * deep * deep + chain.law[BRISTLE] * dot(z, z)
         sum_ += 0.5 * load(ends, LONG, p) * stored
@@ -433,16 +441,19 @@ def add_pair(cable, pushed, kept, p):
 
 @inline
 def motion(cable, x0, x1):
-    """By how much control points move relative to the first one at most [m], and the largest change
-    of an edge between neighbours, as a share of its length there.
+    """By how much control points of strands move relative to the first one at most [m], and the
+    largest change of an edge between neighbours, as a share of its length there.
     """
-    way = turn = 0.0
+    way, turn, branch = 0.0, 0.0, cable.mesh.branch
     for c in range(MARGIN, MARGIN + cable.n):
         moved = changed = length = 0.0
+        own = branch[c - MARGIN]
+        if own < 0:
+            continue
         for d in range(cable.dim):
             here = x1[d, c] - x0[d, c]
             moved += (here - (x1[d, MARGIN] - x0[d, MARGIN])) ** 2
-            if c + 1 < MARGIN + cable.n:
+            if c + 1 < MARGIN + cable.n and branch[c + 1 - MARGIN] == own:
                 edge = x0[d, c + 1] - x0[d, c]
                 changed += (x1[d, c + 1] - x0[d, c + 1] - here) ** 2
                 length += edge * edge
@@ -497,6 +508,7 @@ def find_near(cable, x, margin):
         straight = not (folds or leaves_cone(cable, x, MARGIN + a + 1, MARGIN + a))
         straight = straight and not leaves_cone(cable, x, MARGIN + a + 1, MARGIN + a + 2)
         for b in range(a, spans):
+            straight = straight and cable.mesh.branch[b] == cable.mesh.branch[a]
             if b > a and straight:
                 straight = not leaves_cone(cable, x, MARGIN + a + 1, MARGIN + b + 2)
             if straight or chain.length[b] == 0.0:
@@ -538,6 +550,30 @@ def apart_at(corner, segments, a, b):
 
 
 @inline
+def near_place(cable, a, i, number, u, within):
+    """Whether segment i of span a is of this strand and `within` reach of its coordinate u."""
+    chain = cable.chain
+    begin = chain.arc[a] + i * chain.length[a]
+    near = begin - within < u and u < begin + chain.length[a] + within
+    return near and cable.mesh.branch[a] == int(number)
+
+
+@inline
+def joined(cable, a, b, i, j):
+    """Whether segment i of span a and j of span b are both near a joint of their strands."""
+    for k in range(len(cable.chain.joints)):
+        one = cable.chain.joints[k]
+        far = one[BESIDE]
+        if near_place(cable, a, i, one[ONE], one[ONE_AT], far):
+            if near_place(cable, b, j, one[OTHER], one[OTHER_AT], far):
+                return True
+        if near_place(cable, b, j, one[ONE], one[ONE_AT], far):
+            if near_place(cable, a, i, one[OTHER], one[OTHER_AT], far):
+                return True
+    return False
+
+
+@inline
 def release(cable, p):
     """Count the energy of the bristle of a pair that left its contact as lost."""
     pair, chain = cable.state.pair, cable.chain
@@ -559,25 +595,29 @@ def find_pairs(cable, x, change):
     place_corners(cable, x)
     for k in range(int(balance.near_spans)):
         a, b = int(state.near_pair[k]) // spans, int(state.near_pair[k]) % spans
-        way = ROOM * relative_way(cable, change, a, b) + LEAST * chain.diameter
+        thick, same = (
+            chain.radius[a] + chain.radius[b],
+            cable.mesh.branch[a] == cable.mesh.branch[b],
+        )
+        way = ROOM * relative_way(cable, change, a, b) + LEAST * thick
         work.near_room[k] = way
         long_a, long_b = chain.length[a], chain.length[b]
-        reach = chain.diameter + way + STRETCHED * (long_a + long_b)
+        reach = thick + way + STRETCHED * (long_a + long_b)
         if apart_at(corner, chain.segments, a, b) > reach + (chain.segments - 1) * 0.5 * (
             long_a + long_b
         ):
             continue
         for i in range(chain.segments):
-            end = chain.arc[a] + (i + 1) * long_a + chain.apart
+            end = chain.arc[a] + (i + 1) * long_a + chain.apart[a]
             for j in range(chain.segments):
-                if chain.arc[b] + j * long_b < end:
+                if same and chain.arc[b] + j * long_b < end:
                     continue
                 far = 0.0
                 for d in range(3):
                     here = corner[3 * i + d, a] + corner[3 * i + 3 + d, a]
                     there = corner[3 * j + d, b] + corner[3 * j + 3 + d, b]
                     far += 0.25 * (here - there) ** 2
-                if far > reach * reach:
+                if far > reach * reach or joined(cable, a, b, i, j):
                     continue
                 if count == most:
                     work.results.pairs_beyond += 1.0
@@ -796,7 +836,7 @@ def commit(cable):
 @kernel(void, int64, ARRAY_2D, terms=SELF)
 def report(address, out):
     """Of all pairs at the present configuration: gap [m]; length [m] that touches, else 0; on the
-    first strand the material coordinate [m] and the force [N], by line (3).
+    first of the two the material coordinate [m] and the force [N], by line (3); its strand.
     """
     cable, values = cable_at(address), grid(out)
     chain, ends, pair = cable.chain, cable.work.pair_ends, cable.state.pair
@@ -808,7 +848,7 @@ def report(address, out):
         segments = segments_at(ends, ENDED, p)
         s, t, square = nearest(segments, blunt)
         far = sqrt(square)
-        gap, wide = far - chain.diameter, load(ends, LONG, p)
+        gap, wide = far - load(ends, THICK, p), load(ends, LONG, p)
         deep = depth(gap + cable.state.balance.pair_overlap)
         z = loaded(pair, 1, p)
         push = -chain.law[STIFFNESS] * deep
@@ -820,5 +860,6 @@ def report(address, out):
                 a, _, i, _ = pair_of(cable, pair[0, p + k])
                 row[1] = lane(wide, k)
                 row[2] = chain.arc[a] + (i + lane(s, k)) * chain.length[a]
+                row[6] = cable.mesh.branch[a]
                 for d in range(3):
                     row[3 + d] = lane(wide, k) * lane(f[d], k)

@@ -10,7 +10,7 @@ from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, NO, YES, inline, kernel
-from dlo_sim.engine import account, bishop, contact
+from dlo_sim.engine import account, bishop, contact, roll
 from dlo_sim.engine.arrays import BETWEEN, BISHOP, CABLE, CONTACT, PADDING, TWISTED, cable_at
 from dlo_sim.engine.assembly import (
     add_damping,
@@ -169,6 +169,13 @@ def count_twist(address, grasp, t, angle):
     count_from(m, frame, t, rotation_at(m, t), direction_at(m, t), angle)
 
 
+@kernel(void, int64, int64, float64)
+def count_roll(address, number, angle):
+    """The roll of a body is this angle in the present configuration (`engine.roll`)."""
+    cable = cable_at(address)
+    roll.count_from(cable, number, cable.state.x, angle)
+
+
 @kernel(void, int64, float64, ARRAY_2D)
 def forces_now(address, t, out):
     """Potential and load forces at the present configuration into the lines `out`."""
@@ -223,6 +230,7 @@ def solve_held(address, unknowns, transposed):
     band, z, directions = cable.work.band, cable.work.residual, cable.state.direction
     cable.work.results.coupled = 0.0
     hold(cable, directions, directions, band)
+    roll.set_rolls(cable, cable.state.x, cable.state.x, YES)
     set_border(cable, directions, directions)
     stiffen_border(cable, band)
     ground_border(cable, band)

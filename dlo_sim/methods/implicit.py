@@ -33,7 +33,7 @@ from numba import boolean, float64, int64, void
 from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.kernels import NO, YES, inline, kernel
 from dlo_sim.compiling.lanes import LANES, fabs, lane_sum, where, zero
-from dlo_sim.engine import bishop, contact, self_contact
+from dlo_sim.engine import bishop, contact, roll, self_contact
 from dlo_sim.engine.account import RESOLUTION
 from dlo_sim.engine.arrays import (
     BISHOP,
@@ -66,11 +66,13 @@ from dlo_sim.engine.band import (
     clamps_here,
     clear_band,
     clear_held,
+    close_border,
     eliminate,
     hold,
     keep_border,
     own_point,
     set_border,
+    set_roll_border,
     solve,
     solve_border,
     stiffen_border,
@@ -308,6 +310,7 @@ def begin_step(cable, t0, tau):
         move_slides(cable)
     else:
         keep_constraints(cable)
+    roll.set_rolls(cable, work.start, state.x, YES)
     set_border(cable, work.middle_direction, state.direction)
     difference(state.x, work.start, work.change)
     if cable.terms & CONTACT:
@@ -375,6 +378,7 @@ def step_force(cable, t0, tau, discrete):
         self_contact.add_force(cable, 1.0 / tau, cable.state.x, force)
     spring_force(cable, middle, 0.5, NO, force)
     spring_force(cable, cable.state.x, 1.0, YES, force)
+    roll.force(cable, work.start, cable.state.x, force)
     lost += step_slides(cable, work.start, cable.state.x, force)
     if cable.loads.count:
         load_force(cable, middle, t0 + 0.5 * tau, work.load)
@@ -421,6 +425,7 @@ def set_residual(cable, a, b):
             push = inertia[d, MARGIN + i]
             energy += abs(push * change[d, MARGIN + i])
             residual[PADDING + i * lines + d] = work.force[d, MARGIN + i] - push
+    set_roll_border(cable, work.middle_direction, work.middle_direction, NO)
     take_reactions(cable, work.middle_direction, work.row_force)
     clear_held(cable, residual, PADDING)
     return energy
@@ -464,6 +469,7 @@ def newton_matrix(cable, t0, tau, a, discrete):
     slide_tangent(cable, YES, work.start, state.x, 1.0, matrix)
     add_load_stiffness(cable, middle, t0 + 0.5 * tau, 0.5, matrix)
     hold(cable, work.middle_direction, state.direction, matrix)
+    set_roll_border(cable, work.middle_direction, state.direction, YES)
     stiffen_border(cable, matrix)
     state.balance.matrix_weight = 0.0
     if not factorize(cable, matrix):
@@ -550,6 +556,7 @@ def correct(cable, known, discrete, allowed, reach):
         unbalanced[r] = z[PADDING + r]
     solve(cable, state.matrix, z)
     keep_border(cable, z)
+    close_border(cable, z)
     for j in range(known):
         along = overlap(cable, z, corrections[j]) * work.correction_scale[j]
         if j + 1 < known:
@@ -577,7 +584,7 @@ def correct(cable, known, discrete, allowed, reach):
         elastic = 1.0 - cable.physics.keeps_length
         predict_tension(cable, begin, end, work.nudge, elastic)
     move(cable, 1.0)
-    step, defect = work.step, 0.0
+    step, defect = work.step, roll.defect(cable)
     for d in range(lines):
         for i in range(cable.n):
             step[i * lines + d] = work.change[d, MARGIN + i]
@@ -826,7 +833,7 @@ def finish_step(cable, t0, tau, whole, lost):
         balance.load_work += inner(work.load, change)
     driven += anchor_work(cable, work.start, state.x)
     rolled = roll_loss(cable, change)
-    balance.dissipated += rolled[0]
+    balance.dissipated += rolled[0] + roll.loss(cable, work.start, state.x)
     balance.drive_work += driven + rolled[1]
     accept_anchors(cable)
     accept_slides(cable, work.start, state.x)

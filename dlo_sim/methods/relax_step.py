@@ -17,6 +17,7 @@ from numba import boolean, float64, int64, void
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, NO, YES, inline, kernel
 from dlo_sim.compiling.lanes import where, zero
+from dlo_sim.engine import roll
 from dlo_sim.engine.arrays import (
     BETWEEN,
     BISHOP,
@@ -33,6 +34,7 @@ from dlo_sim.engine.band import (
     add_line,
     border_columns,
     clear_held,
+    close_border,
     eliminate,
     ground_border,
     hold,
@@ -115,7 +117,8 @@ def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
                 follow_natural(cable, x)
             if cable.terms & BISHOP:
                 copy(x, state.reference)
-        for k in range(cable.rows.springs if rolls else 0):
+            roll.follow(cable, NO)
+        for k in range(cable.rows.joints, cable.rows.springs if rolls else 0):
             at = cable.rows.count + k
             state.anchor[at] = state.anchor_counted[at] = anchors[k]
         if last <= converged * moved or last < exact:
@@ -161,6 +164,7 @@ def correct(address, pseudo, guide, begun, length, predicted, twist, rolls):
     if rolls:
         keep_columns(cable)
     hold(cable, directions, directions, band)
+    roll.set_rolls(cable, cable.state.x, cable.state.x, twist)
     set_border(cable, directions, directions)
     stiffen_border(cable, band)
     ground_border(cable, band)
@@ -174,7 +178,7 @@ def correct(address, pseudo, guide, begun, length, predicted, twist, rolls):
     if count != negative_border(cable):
         return False
     set_force(cable, pseudo, guide, begun, length, twist)
-    solve_lines(cable, work.force, work.nudge)
+    solve_lines(cable, work.force, YES, work.nudge)
     if rolls:
         turn_held(cable, begun)
     finite = True
@@ -191,10 +195,10 @@ def spin(length, pseudo):
     return (SPIN * length) * (SPIN * length) / pseudo
 
 
-@kernel(void, CABLE, LINES, LINES, family=BETWEEN)
-def solve_lines(cable, push, out):
+@kernel(void, CABLE, LINES, boolean, LINES, family=BETWEEN)
+def solve_lines(cable, push, closes, out):
     """out = solution for the right-hand side `push` with the factors of `correct`, with the rows of
-    the grasps kept; both are lines.
+    the grasps kept, and if it `closes` their gaps closed; both are lines.
     """
     z, directions = cable.work.residual, cable.state.direction
     to_unknowns(cable, push, z)
@@ -202,6 +206,8 @@ def solve_lines(cable, push, out):
     clear_held(cable, z, PADDING)
     substitute(cable.work.band, cable.n * cable.lines, cable.lines, z)
     keep_border(cable, z)
+    if closes:
+        close_border(cable, z)
     turn_vector(cable, directions, NO, z, PADDING)
     clear(out)
     to_lines(cable, z, PADDING, out)
@@ -282,7 +288,7 @@ def turn_held(cable, begun):
         for d in range(cable.lines):
             for c in range(cable.columns):
                 push[d, c] = -push[d, c]
-        solve_lines(cable, push, answer)
+        solve_lines(cable, push, NO, answer)
         answer[dim, MARGIN + own] = 1.0
         missing, share = begun[dim, MARGIN + own] - theta[MARGIN + own], 1.0
         for d in range(dim):

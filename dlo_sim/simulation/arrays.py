@@ -35,6 +35,7 @@ def sizes_of(
     strands: int = 1,
     rolls: tuple[int, int] = (0, 0),
     extras: int = 0,
+    chain_joints: int = 0,
 ) -> dict[str, int]:
     """Sizes of all dimensions that `engine.arrays` names.
 
@@ -43,6 +44,7 @@ def sizes_of(
             without obstacles. segments: of a span, that touch each other, or 0. field_values: of
             meshes that are obstacles. bodies: rigid ones. rolls: rows between twist angles and
             bodies, rigid ones and ones that give. extras: groups of samples beside the cable.
+            chain_joints: of strands, near which they do not touch each other.
     """
     lines, unknowns = dim + twist, n * (dim + twist)
     spans = n - DEGREE
@@ -86,6 +88,7 @@ def sizes_of(
         "corner_rows": 3 * (segments + 1) * chain,
         "chain_blocks": blocks * chain,
         "chain_spans": LANES * blocks * chain,
+        "chain_joints": chain_joints,
         "pairs": LANES * -(-pairs // LANES),
         "near_pairs": (n - DEGREE) * min(n - DEGREE, NEAR) * chain,
         "coupled": unknowns * chain,

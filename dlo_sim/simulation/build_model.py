@@ -25,7 +25,7 @@ from dlo_sim.simulation.held_rows import fill_rows, held_values
 from dlo_sim.simulation.holding import Holding, holding_of
 from dlo_sim.simulation.join_strands import joined
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.net import local_geometries
+from dlo_sim.simulation.net import cuts_of, local_geometries
 from dlo_sim.simulation.obstacles import fields_of, pieces_of
 from dlo_sim.simulation.resolution import knot_grading
 
@@ -44,9 +44,15 @@ def build_model(
     origin, strands = np.zeros(3) if origin is None else origin, scene.strands
     counts = _counts([strand.scene for strand in strands], needs)
     counts = counts._replace(radius=max(counts.radius, thickest(scene.connectors)))
+    cuts = cuts_of(scene)
     models = {
         strand.name: _model(
-            strand.scene, needs, local_geometries(strand, geometries), origin, counts
+            strand.scene,
+            needs,
+            local_geometries(strand, geometries),
+            origin,
+            counts,
+            cuts[strand.name],
         )
         for strand in strands
     }
@@ -88,11 +94,16 @@ def _counts(scenes: Sequence[Scene], needs: Needs) -> _Counts:
 
 
 def _model(
-    scene: Scene, needs: Needs, geometries: Geometries, origin: Array, counts: _Counts
+    scene: Scene,
+    needs: Needs,
+    geometries: Geometries,
+    origin: Array,
+    counts: _Counts,
+    cuts: Sequence[float],
 ) -> Model:
-    """Constants of one strand, as a scene of its own."""
-    n, axes, twist = scene.discretization.control_points, needs.axes, "twist" in needs
-    knots = _knots(scene)
+    """Constants of one strand, as a scene of its own; `cuts`: where it may bend sharply [m]."""
+    knots = bspline.cut(_knots(scene), cuts)
+    n, axes, twist = len(knots) - bspline.ACTIVE, needs.axes, "twist" in needs
     rule = _quadrature(scene, knots)
     holding = holding_of(scene, geometries, knots, axes, twist)
     fields = fields_of(scene, counts.radius) if "contact" in needs else ()
@@ -265,24 +276,27 @@ class _Filling:
     def _mesh(self) -> None:
         cable, model, mesh = self._scene.cable, self._model, self._arrays.mesh
         lengths = np.diff(bspline.breaks(model.knots))
-        slope, spans = 2.0 / lengths, len(lengths)
+        spans, void = len(lengths), lengths == 0.0
+        lengths = np.where(void, lengths.max(), lengths)
+        slope = 2.0 / lengths
         polynomials = bspline.span_polynomials(model.knots)
         derivative = polynomials[:, :, 1:] * np.array([1.0, 2.0, 3.0]) * slope[:, None, None]
         linear = np.zeros(spans)
         linear[[0, -1]] = 3.0
         mesh.slopes[:] = to_blocks(derivative.reshape(spans, 12))
         mesh.values[:] = to_blocks(polynomials[:, :, 0])
-        mesh.padding[:] = to_blocks(np.zeros(spans), beyond=1.0)
+        mesh.padding[:] = to_blocks(1.0 * void, beyond=1.0)
         mesh.slope[:] = to_blocks(slope, beyond=slope[0])
-        mesh.share[:] = to_blocks(1.0 / lengths)
+        mesh.share[:] = to_blocks(np.where(void, 0.0, 1.0 / lengths))
         mesh.linear[:] = to_blocks(linear)
         mesh.axial[:] = model.axial_stiffness
         stiffness, scene = (model.axial_stiffness, model.bending_stiffness), self._scene
         guarding = guard_stiffness(*stiffness, lengths, _weight(scene), _by_span(scene))
-        mesh.guard[:] = to_blocks(guarding)
+        mesh.guard[:] = to_blocks(np.where(void[:, None], 0.0, guarding))
         mesh.bending[:] = to_blocks(model.bending_stiffness, beyond=cable.EI)
         mesh.torsional[:] = cable.GJ
         mesh.strand[0], mesh.length[0] = (0, model.n), model.knots[-1]
+        mesh.radius[0] = 0.5 * cable.diameter
         mesh.number[:] = to_blocks(np.zeros(spans), beyond=-1.0)
         mesh.xi[:] = to_blocks(model.rule.xi)
         mesh.weight[:] = to_blocks(model.rule.weights)
@@ -323,7 +337,8 @@ class _Filling:
     def _numbers(self) -> None:
         """What the terms give to the engine."""
         physics, axes = self._arrays.physics, self._axes
-        physics.shortest_span = float(np.diff(bspline.breaks(self._model.knots)).min())
+        spans = np.diff(bspline.breaks(self._model.knots))
+        physics.shortest_span = float(spans[spans > 0.0].min())
         for term in (term for term in TERMS if term.name in self._needs):
             for name, value in term.numbers(self._scene).items():
                 if isinstance(value, tuple):

@@ -161,7 +161,8 @@ class Cable:
             np.array_equal(self.model.knots, other.model.knots)
             and self.model.axes == other.model.axes
             and ours.segments == theirs.segments
-            and ours.diameter == theirs.diameter
+            and np.array_equal(ours.radius, theirs.radius)
+            and np.array_equal(ours.joints, theirs.joints)
             and ours.law[self_contact.STIFFNESS] == theirs.law[self_contact.STIFFNESS]
         )
 
@@ -352,7 +353,7 @@ class Cable:
 
     def strands(self) -> Array:
         """What of the cable may touch itself, rows of `engine.self_contact.report`."""
-        rows = np.zeros((int(self.account.pairs), 6))
+        rows = np.zeros((int(self.account.pairs), 7))
         self.call(self_contact.report, rows)
         return rows
 
@@ -368,8 +369,8 @@ class Cable:
         """Let strands that overlap give way (`engine.self_contact`); returns by how much [m].
 
         Args:
-            u: only if they depend on the control points of this material coordinate [m], which a
-                grasp has released.
+            u: only if they depend on the control points of this material coordinate [m] of the
+                first strand, which a grasp has released.
             kept: until they are this deep in each other [m]; default: all of it if they are not
                 SHALLOW.
         """
@@ -380,7 +381,8 @@ class Cable:
         if u is not None:
             keys = self.arrays.state.pair[0, : len(found)] // chain.segments**2
             spans = np.stack(np.divmod(keys, len(chain.arc)))
-            own = np.searchsorted(bspline.breaks(self.model.knots)[1:], u)
+            main = self.model.parts[0]
+            own = main.first + np.searchsorted(bspline.breaks(main.model.knots)[1:], u)
             found = found[(np.abs(spans - own) <= bspline.DEGREE).any(axis=0)]
         depth = -float(found.min(initial=0.0)) - (kept or 0.0)
         if depth <= (TINY if kept is not None else contact.SHALLOW * chain.diameter):
@@ -411,7 +413,22 @@ class Cable:
             if self.model.has(MATERIAL):
                 self.call(follow_to_present)
             self.flow()
+        self._count_joints()
         self.open_frame()
+
+    def _count_joints(self) -> None:
+        """From now on the twist angles between strands, and between strands and bodies, count from
+        the present ones.
+        """
+        arrays, theta = self.arrays, self.x[-1]
+        for number, first in enumerate(arrays.rolls.first):
+            angle = float(arrays.rolls.weights[number] @ theta[first : first + bspline.ACTIVE])
+            self.call(between_steps.count_roll, number, angle)
+        holding = self.model.holding
+        for k, row in enumerate([*holding.rows, *holding.springs]):
+            if row.grasp < 0 and holding.points[row.point].twist:
+                value = float(holding.points[row.point].values(self.model.n) @ theta)
+                arrays.state.anchor[k] = arrays.state.anchor_counted[k] = value
 
     def turn_natural(self, rows: Array, turn: Array) -> None:
         """Set the natural shape to these rows, from `to_blocks`, with their vectors turned by a

@@ -20,6 +20,7 @@ Pose = tuple[ArrayLike, ArrayLike]
 # its neighbours from bending (with 20, a tip sags 10 % too little; without a limit, 14 %).
 STIFFEST = 8.0
 LEVEL = 1e-3  # share of a tangent across gravity that says in which direction it leads
+TINY = 1e-300
 NEAREST = 1001  # points of a shape that are searched for the nearest to a gripper
 
 
@@ -223,7 +224,7 @@ def stiffening(scene: Scene, geometries: Geometries, breaks: Array) -> Array:
         if jaw and geometry.u is not None:
             begin = {"start": 0.0, "end": geometry.u - jaw}.get(name, geometry.u - 0.5 * jaw)
             inside = np.minimum(breaks[1:], begin + jaw) - np.maximum(breaks[:-1], begin)
-            share += np.maximum(inside, 0.0) / np.diff(breaks)
+            share += np.maximum(inside, 0.0) / np.maximum(np.diff(breaks), TINY)
     return np.asarray(1.0 / np.maximum(1.0 - share, 1.0 / STIFFEST))
 
 

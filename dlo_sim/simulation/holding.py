@@ -173,7 +173,7 @@ def holding_of(
     Raises:
         SceneError: a grasp holds a point that is already held.
     """
-    n = scene.discretization.control_points
+    n = len(knots) - bspline.ACTIVE
     holding = Holding()
     for grasp, (name, holder) in enumerate(scene.holders.items()):
         geometry, is_end = geometries[name], name in scene.ends
@@ -199,7 +199,7 @@ def holding_of(
             holding.rows.append(Row(point, grasp, len(axes), xi=xi))
         holding.springs += _springs(holding, spot, grasp, holder.spring, axes)
         if not is_end:
-            _check_independent(holding, name, geometry.u, scene)
+            _check_independent(holding, name, geometry.u, n, scene)
         if holder.holds_direction:
             place, slope = _between(knots, geometry.u)
             stiffness = [holder.tangent_spring] * 3
@@ -250,13 +250,12 @@ def stiffness_of_roll(holder: Holder, scene: Scene) -> float:
     return RIGID * scene.cable.GJ * spans / scene.cable.length
 
 
-def _check_independent(holding: Holding, name: str, u: float, scene: Scene) -> None:
+def _check_independent(holding: Holding, name: str, u: float, n: int, scene: Scene) -> None:
     """Check that the held points are linearly independent.
 
     Raises:
         SceneError: grasp `name`, added last, holds a point that is already held.
     """
-    n = scene.discretization.control_points
     span = scene.cable.length / (n - bspline.DEGREE)
     spots = holding.rigid_points
     rows = np.array([point.values(n) for point in spots]).reshape(-1, n)

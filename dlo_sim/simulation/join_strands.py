@@ -15,7 +15,7 @@ from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs
-from dlo_sim.simulation import obstacles
+from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.arrays import from_blocks, sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.connector_shape import beside, groups_of
 from dlo_sim.simulation.geometry import Geometries
@@ -46,11 +46,14 @@ def joined(
     """
     layout, first = layout_of(scene, geometries, models), next(iter(models.values()))
     parts = list(layout.parts.values())
-    holding = held_by_all(layout, len(first.axes))
+    holding = held_by_all(layout, len(first.axes), first.twist)
     rolls = rolls_of(layout) if first.twist else []
+    rigid = sum(math.isinf(one.stiffness) for one in rolls)
     terms = sum_of_terms(models) & ~(bits.BORDERED | bits.SPRUNG) | holding.terms
     sizes = sizes_of(
-        terms=terms | bits.BORDERED * bool(rolls) | bits.RIGID * bool(layout.bodies),
+        terms=terms
+        | bits.RIGID * bool(layout.bodies)
+        | (bits.BORDERED | bits.ROLLED) * bool(rolls),
         dim=len(first.axes),
         twist=first.twist,
         n=layout.n,
@@ -64,6 +67,8 @@ def joined(
         field_values=first.arrays.sizes["field_values"],
         bodies=len(layout.bodies),
         strands=len(parts),
+        rolls=(rigid, len(rolls) - rigid),
+        chain_joints=len(layout.joins),
         extras=groups_of(scene.connectors) * ("contact" in needs),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
@@ -115,6 +120,7 @@ class _Joining:
         model, layout = self._model, self._layout
         self._mesh()
         self._contact()
+        self_contact.fill(model, self._joints())
         self._masses()
         self._loads()
         self._numbers()
@@ -131,24 +137,32 @@ class _Joining:
             given.idle[number] = alone[body.points]
             given.length[number] = [sign * body.length for sign in body.signs]
             given.stiffness[number] = RIGID * cable.EA * body.length
+        rolls = self._arrays.rolls
+        for number, roll in enumerate(rolls_of(layout) if model.twist else []):
+            rolls.body[number], rolls.first[number] = roll.body, roll.place.first
+            rolls.weights[number], rolls.stiffness[number] = roll.place.weights, roll.stiffness
+            rolls.along[number], rolls.side[number] = roll.along, roll.side
 
     def _mesh(self) -> None:
         mesh = self._arrays.mesh
         for name in mesh.fields:
-            if name in ("branch", "strand", "length"):
+            if name in ("branch", "strand", "length", "radius"):
                 continue
             void = VOID.get(name, 0.0)
             lanes = [
                 from_blocks(getattr(one.mesh, name), one.n - bspline.DEGREE) for one in self._each
             ]
             getattr(mesh, name)[:] = to_blocks(self._layout.by_span(lanes, void), beyond=void)
-        mesh.branch[:] = len(self._parts)
         numbers = [np.full(one.n - bspline.DEGREE, float(k)) for k, one in enumerate(self._each)]
         mesh.number[:] = to_blocks(self._layout.by_span(numbers, -1.0), beyond=-1.0)
         for number, part in enumerate(self._parts):
             mesh.branch[part.here] = number
             mesh.strand[number] = part.here.start, part.here.stop
             mesh.length[number] = part.length
+            mesh.radius[number] = 0.5 * part.model.scene.cable.diameter
+        names = [part.name for part in self._parts]
+        for body in self._layout.bodies:
+            mesh.branch[body.first : body.first + bspline.ACTIVE] = names.index(body.strand)
 
     def _contact(self) -> None:
         """The obstacles, which are those of every strand, and the samples of all."""
@@ -159,6 +173,14 @@ class _Joining:
             density = self._parts[0].model.scene.cable.mu
             samples = beside(model.bodies, density, self._radius)
             obstacles.fill(model, self._radius, samples)
+
+    def _joints(self) -> list[self_contact.Joined]:
+        """Where strands that are joined do not touch each other."""
+        numbers = {part.name: number for number, part in enumerate(self._parts)}
+        return [
+            self_contact.Joined((numbers[one.strand], one.u), (numbers[one.other], one.at))
+            for one in self._layout.joins
+        ]
 
     def _masses(self) -> None:
         """Matrices and vectors by control point, with the bodies'."""
@@ -227,7 +249,7 @@ class _Joining:
         physics.bending_round_off = sum(one.bending_round_off for one in each)
 
 
-def held_by_all(layout: Layout, dim: int) -> Holding:
+def held_by_all(layout: Layout, dim: int, twist: bool) -> Holding:
     """What the holders of all strands hold, and what joins the strands."""
     out = Holding()
     at_points: list[Row] = []
@@ -246,7 +268,7 @@ def held_by_all(layout: Layout, dim: int) -> Holding:
             replace(row, point=row.point + known, grasp=row.grasp + part.grasp)
             for row in held.springs
         ]
-    for one in joining(layout, dim):
+    for one in joining(layout, dim, twist):
         if isinstance(one, Point):
             number = out.hold(one)
         else:

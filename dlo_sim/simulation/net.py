@@ -231,6 +231,30 @@ def joins_of(scene: Scene, frames: Mapping[str, Array]) -> tuple[Join, ...]:
     return tuple(found)
 
 
+def cuts_of(scene: Scene) -> dict[str, list[float]]:
+    """Where each strand may bend sharply [m], rising: amid it, at what turns it there."""
+    found: dict[str, set[float]] = {strand.name: set() for strand in scene.strands}
+    places = [(one.other, one.at) for one in scene.joints if one.kind != "hinged"]
+    places += [(one.on, one.at) for one in scene.connectors if one.joint == "rigid"]
+    lengths = {strand.name: strand.scene.cable.length for strand in scene.strands}
+    for name, at in places:
+        if 0.0 < at < 1.0:
+            found[name].add(at * lengths[name])
+    return {name: sorted(cuts) for name, cuts in found.items()}
+
+
+def smooth_at(part: Part, u: float) -> Point:
+    """r' behind a place where the knots are threefold, minus that before it: zero."""
+    knots = part.model.knots
+    begin = int(np.searchsorted(bspline.breaks(knots), u)) - 1  # the span before
+    before, after = (
+        knots[bspline.DEGREE + k + 1] - knots[bspline.DEGREE + k] for k in (begin, begin + 3)
+    )
+    return Point(
+        part.first + begin + 2, (1.0 / before, -1.0 / before - 1.0 / after, 1.0 / after, 0.0)
+    )
+
+
 def layout_of(scene: Scene, geometries: Geometries, models: Mapping[str, Model]) -> Layout:
     """Where the strands, with these models, and the bodies of a scene are."""
     frames = drawn_frames(scene, geometries)
@@ -291,23 +315,21 @@ def difference(one: Point, other: Point, sign: float = 1.0) -> Point:
 
 
 class Roll(NamedTuple):
-    """theta at a place of a strand against a body, or against theta of another strand.
+    """The twist angle at a place of a strand, which a body holds.
 
     Attributes:
-        place: of theta. body: its index, or -1. other: place of the other theta.
-        along, side: tangent, and a direction across it, in the body's directors.
-        stiffness: [N m/rad].
+        place: of the angle. body: its index. along, side: tangent there, and a direction across it,
+            in the directors of the body. stiffness: [N m/rad].
     """
 
     place: Point
     body: int
-    other: Point
     along: Array
     side: Array
     stiffness: float
 
 
-def joining(layout: Layout, dim: int) -> Iterator[Row | Point]:
+def joining(layout: Layout, dim: int, twist: bool) -> Iterator[Row | Point]:
     """Points that joints and bodies hold together, each followed by its rows, whose `point` is left
     open; rows of infinite stiffness are rigid.
     """
@@ -324,9 +346,19 @@ def joining(layout: Layout, dim: int) -> Iterator[Row | Point]:
             tangent = body.frame.T @ other.drawn[:, 0]
             point = difference(slope, Point(body.first, body.weights(tangent)))
         yield from rows_of(point, dim, join.stiffness)
+        if join.in_line and twist:
+            here, there = (
+                replace(place_at(*one), twist=True) for one in ((part, join.u), (other, join.at))
+            )
+            yield difference(here, there, join.in_line)
+            yield Row(-1, -1, dim, stiffness=join.stiffness)
         if layout.is_seamless(join):
             bend = place_at(other, join.at, 2)
             yield from rows_of(difference(place_at(part, join.u, 2), bend), dim)
+    for part in layout.parts.values():
+        inside = bspline.breaks(part.model.knots)[1:-1]
+        for u in sorted({float(u) for u in inside if np.count_nonzero(inside == u) > 1}):
+            yield from rows_of(smooth_at(part, u), dim)
     for body in layout.bodies:
         part = layout.parts[body.strand]
         if body.alone:
@@ -347,21 +379,15 @@ def rows_of(point: Point, dim: int, stiffness: float = math.inf) -> Iterator[Row
 
 
 def rolls_of(layout: Layout) -> list[Roll]:
-    """What holds the twist angles together."""
-    found, nothing = [], np.zeros(3)
-    for join in (one for one in layout.joins if one.rigid):
-        part, other = layout.parts[join.strand], layout.parts[join.other]
-        here = place_at(other, join.at)
-        if join.in_line:
-            given = place_at(part, join.u), -1, here, nothing, nothing
-        else:
-            body = layout.root(join.strand)
-            turned = body.frame.T @ other.drawn
-            given = here, layout.bodies.index(body), here, turned[:, 0], turned[:, 1]
-        found.append(Roll(*given, join.stiffness))
+    """What holds the twist angles of strands on bodies, rigid ones first."""
+    found = []
+    for join in (one for one in layout.joins if one.rigid and not one.in_line):
+        other, body = layout.parts[join.other], layout.root(join.strand)
+        turned = body.frame.T @ other.drawn
+        given = layout.bodies.index(body), turned[:, 0], turned[:, 1], join.stiffness
+        found.append(Roll(place_at(other, join.at), *given))
     for number, body in enumerate(layout.bodies):
-        if body.is_hinged:
-            continue
-        here = place_at(layout.parts[body.strand], body.u)
-        found.append(Roll(here, number, here, np.eye(3)[0], np.eye(3)[1], math.inf))
-    return found
+        if not body.is_hinged:
+            here = place_at(layout.parts[body.strand], body.u)
+            found.append(Roll(here, number, np.eye(3)[0], np.eye(3)[1], math.inf))
+    return sorted(found, key=lambda one: math.isfinite(one.stiffness))

@@ -402,17 +402,16 @@ def let_overlap(cable: Cable, number: int, kept: Pressure, let_be: float = 0.0) 
 
 
 def tension_along(cable: Cable) -> Callable[[Array], Array] | None:
-    """Tension [N] of a cable by material coordinates [m], linear between the middles of its knot
-    spans; None if its shape does not determine it.
+    """Tension [N] of the first strand by material coordinates [m], linear between the middles of
+    its knot spans; None if its shape does not determine it.
     """
-    scene = cable.model.scene
+    scene, own, knots = cable.model.scene, cable.model.parts[0].here, cable.model.knots
     if scene.without_tension:
         return None
-    ends = bspline.breaks(cable.model.knots)
+    ends = bspline.breaks(knots)
     middles = 0.5 * (ends[1:] + ends[:-1])
-    shape, stiff = strain(cable.model.knots, middles), scene.cable
-    main = cable.model.parts[0]
-    values = shape.tension(cable.points[main.here, :3], stiff.EA, stiff.EI)
+    shape, stiff = strain(knots, middles), scene.cable
+    values = shape.tension(cable.points[own, :3], stiff.EA, stiff.EI)
     return lambda u: np.interp(u, middles, values)
 
 
@@ -696,6 +695,7 @@ def sample_rule(knots: Array, pieces: int) -> quadrature.Quadrature:
     places = quadrature.Quadrature(xi, np.ones(xi.shape)).places(bspline.breaks(knots))
     apart = np.diff(places.ravel())
     weights = (0.5 * (np.append(apart, 0.0) + np.append(0.0, apart))).reshape(xi.shape)
+    weights[np.diff(bspline.breaks(knots)) == 0.0] = 0.0
     values = values_of_spans(knots, xi)
     lacking = (knots[bspline.ACTIVE :] - knots[: -bspline.ACTIVE]) / bspline.ACTIVE
     here = np.arange(len(xi))[:, None] + np.arange(bspline.ACTIVE)

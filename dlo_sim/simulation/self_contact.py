@@ -10,7 +10,7 @@ import numpy as np
 from numba import float64
 from numpy.typing import NDArray
 
-from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, ARRAY_3D, inline, kernel
+from dlo_sim.compiling.kernels import ARRAY_2D, ARRAY_3D, inline, kernel
 from dlo_sim.core import bspline
 from dlo_sim.core.bspline import ACTIVE
 from dlo_sim.engine.arrays import CONTACT, SELF
@@ -61,19 +61,46 @@ def stiffness(scene: Scene, segment: float) -> float:
     return max(hung, thrown)
 
 
-def fill(model: Model) -> None:
-    """Constants of the contact of the cable of a scene with itself."""
-    scene, chain, knots = model.scene, model.arrays.chain, model.knots
-    diameter, count = scene.cable.diameter, chain.segments
-    ends = bspline.breaks(knots)
-    lengths = np.diff(ends)
-    xi = np.tile(2.0 * np.arange(count + 1) / count - 1.0, (len(lengths), 1))
-    chain.basis[:] = to_blocks(values_of_spans(knots, xi))
-    chain.arc[: len(lengths)], chain.length[: len(lengths)] = ends[:-1], lengths / count
-    chain.diameter, chain.apart = diameter, APART * diameter
-    k, mu = stiffness(scene, float(lengths.max()) / count), scene.cable.mu
-    damping = 2.0 * scene.contact.damping * math.sqrt(k * mu)
-    chain.law[:] = k, damping, k, BRISTLE_DAMPED * math.sqrt(k * mu), scene.contact.friction
+class Joined(NamedTuple):
+    """Two strands that do not touch each other near a joint.
+
+    Attributes:
+        one, other: number of a strand and material coordinate on it [m]. beside: distance along
+            both up to which they do not touch [m]; 0 = APART diameters of the thicker one.
+    """
+
+    one: tuple[int, float]
+    other: tuple[int, float]
+    beside: float = 0.0
+
+
+def fill(model: Model, joints: Sequence[Joined] = ()) -> None:
+    """Where spans of strands are along them, how thick they are, and what joins the strands."""
+    chain, parts = model.arrays.chain, [part.model for part in model.parts]
+    for k, (one, other, beside) in enumerate(joints):
+        thick = max(parts[one[0]].scene.cable.diameter, parts[other[0]].scene.cable.diameter)
+        chain.joints[k] = *one, *other, beside or APART * thick
+    if not model.has(SELF):
+        return
+    count = chain.segments
+    basis = np.zeros((model.n - bspline.DEGREE, count + 1, bspline.ACTIVE))
+    laws = []
+    for strand in model.parts:
+        scene, knots, here = strand.model.scene, strand.model.knots, strand.spans
+        ends = bspline.breaks(knots)
+        lengths = np.diff(ends)
+        xi = np.tile(2.0 * np.arange(count + 1) / count - 1.0, (len(lengths), 1))
+        basis[here] = values_of_spans(knots, xi)
+        chain.arc[here], chain.length[here] = ends[:-1], lengths / count
+        chain.radius[here] = 0.5 * scene.cable.diameter * (lengths > 0.0)
+        chain.apart[here] = APART * scene.cable.diameter
+        laws.append((stiffness(scene, float(lengths.max()) / count), scene.cable.mu))
+    chain.basis[:] = to_blocks(basis)
+    chain.diameter = 2.0 * float(chain.radius.max())
+    # As stiff as the heaviest strand asks for, and damped as the lightest one bears.
+    stiff, mu, law = max(laws)[0], min(mu for _, mu in laws), model.scene.contact
+    damping = 2.0 * law.damping * math.sqrt(stiff * mu)
+    chain.law[:] = stiff, damping, stiff, BRISTLE_DAMPED * math.sqrt(stiff * mu), law.friction
 
 
 # -- how near it comes to itself -----------------------------------------------------------------
@@ -89,40 +116,55 @@ PRESSED = 0.01  # diameters that strands are inside each other, above which a wa
 
 
 class Nearest(NamedTuple):
-    """Where two places of a cable that are apart along it come nearest.
+    """Where two places that are apart along a cable, or on two strands, come nearest.
 
     Attributes:
         clearance: gap between the surfaces [m], negative where they overlap. u: material
-            coordinates of both places [m].
+            coordinates of both places [m]. strands: numbers of their strands.
     """
 
     clearance: float
     u: tuple[float, float]
+    strands: tuple[int, int] = (0, 0)
 
 
 def nearest(model: Model, points: Array, limit: float = math.inf) -> Nearest:
-    """Where a cable at control points (n, 3 or 4) is nearest to itself, to a hundredth of its
-    diameter, but for neighbouring places and those with a nearly straight cable between them;
-    infinitely far if there are no others, or if all clearances exceed `limit`.
+    """Where strands at control points (n, 3 or 4) are nearest to each other or to themselves, to a
+    hundredth of the thickest one's diameter, but near their joints, for neighbouring places of one
+    strand and those with a nearly straight cable between them; infinitely far if there are no
+    others, or if all clearances exceed `limit`.
     """
-    diameter, ends = model.scene.cable.diameter, bspline.breaks(model.knots)
-    place, shapes = np.ascontiguousarray(points[:, :3]), bspline.span_polynomials(model.knots)
-    far, u, v = nearest_places(place, shapes.copy(), ends, diameter, limit + diameter)
-    clearance = far - diameter
-    return Nearest(clearance if clearance <= limit else math.inf, (u, v))
+    spans = np.zeros((model.n - bspline.DEGREE, 4))
+    shapes = np.zeros((len(spans), bspline.ACTIVE, bspline.ACTIVE))
+    for k, part in enumerate(model.parts):
+        here, ends = part.spans, bspline.breaks(part.model.knots)
+        spans[here, 0], spans[here, 1], spans[here, 3] = ends[:-1], ends[1:], k
+        spans[here, 2] = 0.5 * part.model.scene.cable.diameter * (np.diff(ends) > 0.0)
+        shapes[here] = bspline.span_polynomials(part.model.knots)
+    place, joints = np.ascontiguousarray(points[:, :3]), model.arrays.chain.joints
+    clearance, u, v, i, j = nearest_places(place, shapes, spans, joints, limit)
+    found = clearance if clearance <= limit else math.inf
+    return Nearest(found, (u, v), (int(spans[int(i), 3]), int(spans[int(j), 3])))
 
 
-@kernel((float64, float64, float64), ARRAY_2D, ARRAY_3D, ARRAY, float64, float64)
+BEGIN, END, RADIUS, STRAND = range(4)  # of a span, as `nearest_places` takes them
+
+
+FIVE = (float64,) * 5
+
+
+@kernel(FIVE, ARRAY_2D, ARRAY_3D, ARRAY_2D, ARRAY_2D, float64)
 def nearest_places(
-    points: Array, polynomials: Array, ends: Array, diameter: float, most: float
-) -> tuple[float, float, float]:
-    """Distance of the nearest places and their material coordinates [m]; places that are further
-    than `most` from each other may be left out.
+    points: Array, polynomials: Array, ends: Array, joints: Array, limit: float
+) -> tuple[float, float, float, float, float]:
+    """Gap between the surfaces at the nearest places, their material coordinates [m] and spans;
+    places with larger gaps than `limit` may be left out.
 
     Args:
-        polynomials: powers of xi by control point, shape (spans, 4, 4). ends: of the spans.
+        polynomials: powers of xi by control point, shape (spans, 4, 4). ends: of the spans, BEGIN
+            to STRAND. joints: as in `engine.arrays.Chain`.
     """
-    spans = len(ends) - 1
+    spans = len(ends)
     shapes, edges = np.zeros((spans, ACTIVE, 3)), np.empty((spans + 2, 3))
     middle, size = np.zeros((spans, 3)), np.zeros(spans)
     for i in range(spans + 2):
@@ -139,35 +181,54 @@ def nearest_places(
                     shapes[s, p, d] += polynomials[s, k, p] * points[s + k, d]
         for k in range(ACTIVE):
             size[s] = max(size[s], apart_by(points[s + k], middle[s]))
-    least, u, v = np.inf, 0.0, ends[-1]
+    least, u, v, first, second = np.inf, 0.0, ends[-1, END], 0, spans - 1
     for i in range(spans):
         turned = 1.0  # the least cosine of an edge of those from here on to the first
+        if ends[i, RADIUS] == 0.0:
+            continue
         for j in range(i, spans):
-            for c in (j, j + 1, j + 2):
-                cosine = 0.0
-                for d in range(3):
-                    cosine += edges[i, d] * edges[c, d]
-                turned = min(turned, cosine)
-            if turned >= TURNED or ends[j + 1] - ends[i] <= APART * diameter:
+            thick = ends[i, RADIUS] + ends[j, RADIUS]
+            if ends[j, RADIUS] == 0.0:
                 continue
-            if apart_by(middle[i], middle[j]) - size[i] - size[j] >= min(least, most):
+            if ends[i, STRAND] == ends[j, STRAND]:
+                for c in (j, j + 1, j + 2):
+                    cosine = 0.0
+                    for d in range(3):
+                        cosine += edges[i, d] * edges[c, d]
+                    turned = min(turned, cosine)
+                if turned >= TURNED or ends[j, END] - ends[i, BEGIN] <= APART * thick:
+                    continue
+            most = min(least, limit) + thick
+            if apart_by(middle[i], middle[j]) - size[i] - size[j] >= most:
                 continue
-            long = max(ends[i + 1] - ends[i], ends[j + 1] - ends[j])
+            long = max(ends[i, END] - ends[i, BEGIN], ends[j, END] - ends[j, BEGIN])
             best, a, b, width = 0.0, 0.0, 0.0, 1.0
             while True:
-                best, a, b = closest(shapes, ends, i, j, a, b, width, APART * diameter)
+                best, a, b = closest(shapes, ends, joints, i, j, a, b, width)
                 spacing = width * long / (PLACES - 1)
                 # Both may be nearer by their spacing, of a cable stretched to twice its length.
-                if best == np.inf or best > min(least, most) + 2.0 * spacing:
+                if best == np.inf or best > most + 2.0 * spacing:
                     break
-                if spacing <= FOUND * diameter:
+                if spacing <= FOUND * thick:
                     break
                 width /= CLOSER
-            if best < least:
-                least = best
-                u = ends[i] + 0.5 * (1.0 + a) * (ends[i + 1] - ends[i])
-                v = ends[j] + 0.5 * (1.0 + b) * (ends[j + 1] - ends[j])
-    return least, u, v
+            if best - thick < least:
+                least, first, second = best - thick, i, j
+                u = ends[i, BEGIN] + 0.5 * (1.0 + a) * (ends[i, END] - ends[i, BEGIN])
+                v = ends[j, BEGIN] + 0.5 * (1.0 + b) * (ends[j, END] - ends[j, BEGIN])
+    return least, u, v, float(first), float(second)
+
+
+@inline
+def near_joint(joints: Array, one: float, u: float, other: float, v: float) -> bool:
+    """Whether the places u and v of two strands are both near a joint of them."""
+    for k in range(len(joints)):
+        a, at, b, there, far = joints[k]
+        if a == one and b == other and abs(u - at) < far and abs(v - there) < far:
+            return True
+        if a == other and b == one and abs(v - at) < far and abs(u - there) < far:
+            return True
+    return False
 
 
 @inline
@@ -178,29 +239,35 @@ def apart_by(a: Array, b: Array) -> float:
 
 @inline
 def closest(
-    shapes: Array, ends: Array, i: int, j: int, a: float, b: float, width: float, apart: float
+    shapes: Array, ends: Array, joints: Array, i: int, j: int, a: float, b: float, width: float
 ) -> tuple[float, float, float]:
     """Distance and local coordinates of the nearest of PLACES of each of two spans, near a and b;
-    infinite where all are nearer than `apart` along the cable, or it is nearly straight there.
+    infinite where all are near each other along a strand, or it is nearly straight there, or near
+    a joint.
     """
+    one, other = ends[i, STRAND], ends[j, STRAND]
+    apart = APART * (ends[i, RADIUS] + ends[j, RADIUS])
     there, u = np.empty((2, PLACES, 3)), np.empty((2, PLACES))
     xi = np.empty((2, PLACES))
     for side in range(2):
         s, middle = (i, a) if side == 0 else (j, b)
         for k in range(PLACES):
             x = min(max(middle + width * (2.0 * k / (PLACES - 1) - 1.0), -1.0), 1.0)
-            xi[side, k], u[side, k] = x, ends[s] + 0.5 * (1.0 + x) * (ends[s + 1] - ends[s])
+            xi[side, k] = x
+            u[side, k] = ends[s, BEGIN] + 0.5 * (1.0 + x) * (ends[s, END] - ends[s, BEGIN])
             for d in range(3):
                 c = shapes[s, :, d]
                 there[side, k, d] = c[0] + x * (c[1] + x * (c[2] + x * c[3]))
-    least, one, other = np.inf, 0.0, 0.0
+    least, x, y = np.inf, 0.0, 0.0
     for k in range(PLACES):
         for m in range(PLACES):
             between = abs(u[1, m] - u[0, k])
             far = apart_by(there[0, k], there[1, m])
-            if apart <= between and far <= STRAIGHT * between and far < least:
-                least, one, other = far, xi[0, k], xi[1, m]
-    return least, one, other
+            if one == other and not (apart <= between and far <= STRAIGHT * between):
+                continue
+            if far < least and not near_joint(joints, one, u[0, k], other, u[1, m]):
+                least, x, y = far, xi[0, k], xi[1, m]
+    return least, x, y
 
 
 class Watch:
@@ -236,7 +303,7 @@ class Watch:
         """One line if it was, else empty."""
         if not self.close:
             return ""
-        least, (a, b) = self.least
+        least, (a, b), _ = self.least
         return (
             "contact.self_contact: off, so the cable passes through itself: "
             f"first at {self.first:.3g} s, in {self.close} of {self.looks} looks, up to "
@@ -253,7 +320,7 @@ def warnings(cable: Cable, found: Contact | None, finer: str) -> Iterator[str]:
     """
     if found is None:
         return
-    account, diameter = cable.account, cable.model.scene.cable.diameter
+    account, chain = cable.account, cable.arrays.chain
     lines = []
     if account.crossed:
         lines.append(f"it passed through itself in {account.crossed:.0f} steps")
@@ -261,14 +328,17 @@ def warnings(cable: Cable, found: Contact | None, finer: str) -> Iterator[str]:
         lines.append(f"{account.pairs_lost:.0f} pairs of segments were left out")
     if lines:
         yield f"contact.self_contact: {' and '.join(lines)}; use a smaller integrator.step"
-    segment = float(cable.arrays.chain.length.max())
+    worst = int(np.argmax(chain.length / np.maximum(chain.radius, 1e-300)))
+    segment, diameter = float(chain.length[worst]), 2.0 * float(chain.radius[worst])
     if segment > LONGEST * diameter:
-        spans = (cable.model.n - bspline.DEGREE) * segment
+        own = np.ptp(cable.arrays.mesh.strand[cable.arrays.mesh.branch[worst]])
+        spans = (own - bspline.DEGREE) * segment
         needed = math.ceil(spans / (LONGEST * diameter)) + bspline.DEGREE
         yield (
             f"contact.self_contact: its segments of {segment:.2g} m are coarse for a diameter of "
             f"{diameter:.2g} m; raise discretization.control_points to {needed}, or the diameter"
         )
+    diameter = 2.0 * float(chain.radius[chain.radius > 0.0].min())
     if account.overlap:
         side = ", maybe to the wrong side" if account.overlap > DEEP * diameter else ""
         yield (
@@ -287,20 +357,21 @@ def warnings(cable: Cable, found: Contact | None, finer: str) -> Iterator[str]:
         )
 
 
-def check_start(cable: Cable, held: Sequence[float]) -> None:
+def check_start(cable: Cable, held: Sequence[Sequence[float]]) -> None:
     """Refuse a cable that begins inside itself where it is held, and so cannot be pushed out.
 
     Args:
-        held: material coordinates of what is held [m].
+        held: material coordinates of what is held [m] on each strand.
 
     Raises:
         SceneError: naming the key and the cure.
     """
-    diameter = cable.model.scene.cable.diameter
-    if not (cable.model.has(SELF) and len(held)):
+    if not (cable.model.has(SELF) and any(held)):
         return
-    found = nearest(cable.model, cable.points)
-    away = max(float(np.abs(np.array(held) - u).min()) for u in found.u)
+    diameter, found = cable.arrays.chain.diameter, nearest(cable.model, cable.points)
+    away = 0.0
+    for k, u in zip(found.strands, found.u, strict=True):
+        away = max([away, *([min(abs(one - u) for one in held[k])] if held[k] else [math.inf])])
     if found.clearance < -DEEP * diameter and away < APART * diameter:
         raise SceneError(
             f"contact.self_contact: the cable begins {-found.clearance:.3g} m inside itself, at "
@@ -327,9 +398,14 @@ def _with_itself(cable: Cable, tension: Callable[[Array], Array] | None) -> Cont
     """
     model, rows = cable.model, cable.strands()
     rows = rows[rows[:, 1] > 0.0]
-    forces, u = np.zeros((len(rows), 3)), rows[:, 2]
+    forces, u, strands = np.zeros((len(rows), 3)), rows[:, 2], rows[:, 6].astype(int)
     forces[:, list(model.axes)] = rows[:, 3 : 3 + len(model.axes)]
-    points = bspline.evaluate(cable.points[:, :3], model.knots, u) + model.origin
+    points = np.zeros((len(rows), 3))
+    for k in set(strands.tolist()):
+        part, here = model.parts[k], strands == k
+        line = cable.points[part.here, :3]
+        points[here] = bspline.evaluate(line, part.model.knots, u[here])
+    points += model.origin
     sizes = np.linalg.norm(forces, axis=1)
     return Contact(
         clearance=nearest(model, cable.points).clearance,
@@ -339,5 +415,6 @@ def _with_itself(cable: Cable, tension: Callable[[Array], Array] | None) -> Cont
         points=points,
         forces=forces,
         passes=np.zeros(0),
-        tensions=tensions_beside(model.knots, u, tension),
+        tensions=tensions_beside(model.knots, u[strands == 0], tension),
+        strands=strands,
     )

@@ -106,7 +106,10 @@ class Simulator(Running):
         first = FirstShape(self.ends, self.cable, lay)
         resting = first.place(shape, before is not None)
         if not before:
-            places = [one.u for one in self.geometries.values() if one.u is not None]
+            places = [
+                [one.u for one in part.model.geometries.values() if one.u is not None]
+                for part in self.model.parts
+            ]
             self_contact.check_start(self.cable, places)
         frequency = 0.0 if implicit else largest_frequency(scene, self.cable)
         choice = choose(scene, frequency, unchecked_step)

@@ -153,6 +153,11 @@ def stretched_most(
     worst, found = -1.0, (0.0, 0.0, 1.0, 1.0)
     for shape in shapes:
         for span in range(spans):
+            empty = True  # between equal knots
+            for k in range(ACTIVE):
+                empty = empty and slopes[span, 0, k] == 0.0
+            if empty:
+                continue
             for place in range(places):
                 square = 0.0
                 for axis in range(3):
@@ -220,6 +225,7 @@ def _places(knots: bytes) -> _Places:
     u = 0.5 * (ends[1:] + ends[:-1])[:, None] + 0.5 * np.diff(ends)[:, None] * xi
     n = len(known) - bspline.ACTIVE
     slopes = bspline.evaluate(np.eye(n), known, u.ravel(), 1).reshape(*u.shape, n)
+    slopes[np.diff(ends) == 0.0] = 0.0
     local = [slopes[span, :, span : span + bspline.ACTIVE] for span in range(len(u))]
     mean = np.broadcast_to(0.5 * weights, (len(xi), len(xi)))
     linear = 1.5 * np.outer(xi, weights * xi)

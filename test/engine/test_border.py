@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from bodies import relaxed
 from branches import Joint, joined
 from cables import scene_of, solve_held
 
 from dlo_sim.core import bspline, spectrum
-from dlo_sim.methods import relax_step
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.simulator import Simulator
 
@@ -78,22 +78,6 @@ def test_what_only_joints_support_is_solved_and_its_unstable_modes_counted(
     assert solve_held(tree.cable, x, transposed) == negative
     expected = basis @ np.linalg.solve(within, basis.T @ right)
     assert np.abs(x - expected).max() < 1e-6 * np.abs(expected).max()
-
-
-def relaxed(cable, length):
-    """The equilibrium near the present shape."""
-    dim, columns = 3, cable.arrays.state.x.shape[1]
-    guide, begun = np.zeros((dim, dim)), cable.arrays.state.x.copy()
-    given = guide, begun, cable.anchors.copy(), length, False, False
-    pseudo = 1e-3
-    for _ in range(60):
-        before = cable.state.copy()
-        iterations, _ = cable.call(relax_step.relax_step, pseudo, *given)
-        if iterations == 0:
-            cable.state[:] = before
-        pseudo *= 10.0 if iterations else 0.1
-    assert columns and pseudo > 1e20
-    assert cable.call(relax_step.is_stable, pseudo, *given)
 
 
 def test_a_cable_cut_in_two_and_joined_rests_as_uncut():

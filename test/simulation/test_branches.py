@@ -5,13 +5,23 @@ import pytest
 from branches import Joint, joined
 from cables import move, scene_of, solve_held
 
-from dlo_sim.core import bspline
+from dlo_sim.core import bspline, mass
 from dlo_sim.core.methods import METHODS
 from dlo_sim.engine.arrays import CURVED
+from dlo_sim.engine.arrays import TOUCHING as TOUCHING_ENERGY
+from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.curve import Curve
 from dlo_sim.simulation.natural_shape import NaturalShape
-from dlo_sim.simulation.obstacles import NONE_BESIDE, Beside, contact_with
+from dlo_sim.simulation.obstacles import Beside, contact_with
+from dlo_sim.simulation.self_contact import (
+    Joined,
+    Watch,
+    check_start,
+    contacts_of,
+    nearest,
+    warnings,
+)
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.simulation.statics import _Search
 from dlo_sim.simulation.stepper import Stepper
@@ -33,13 +43,11 @@ WIRE = {
 class Branched:
     """Branches, each first placed as a cable of its own, on one set of arrays."""
 
-    def __init__(
-        self, scenes, joints, method="energy_momentum", step=1e-3, driven=(), beside=NONE_BESIDE
-    ):
+    def __init__(self, scenes, joints, method="energy_momentum", step=1e-3, driven=(), **more):
         self.parts = [Simulator(scene) for scene in scenes]
         for part, drive in zip(self.parts, driven, strict=False):
             drive(part)
-        self.cable = Cable(joined([part.model for part in self.parts], joints, beside))
+        self.cable = Cable(joined([part.model for part in self.parts], joints, **more))
         self.stepper = Stepper(self.cable, METHODS[method], step)
         self.cable.motion[:] = np.concatenate([part.cable.motion for part in self.parts])
         loads = [part.cable.loads for part in self.parts]
@@ -404,6 +412,164 @@ def test_what_is_beside_a_strand_touches_obstacles():
     assert ball[2] + 0.06 == pytest.approx(0.03 - on_ball[0, 2] / (2e4 * 0.01), abs=1e-6)
     assert floor.force[2] == pytest.approx(9.81 * (0.5 * 0.1 + 0.7 * 0.3), rel=1e-3)
     assert pair.cable.account.contact_deep == 0.0
+
+
+TOUCHING = {
+    "contact.self_contact": "on",
+    "cable.bending_stiffness": 1e-5,
+    "gravity": [0.0, 0.0, 0.0],
+    "discretization.control_points": 21,
+    "discretization.stretch": "span",
+}
+THICK, THIN = 0.01, 0.004
+
+
+def crossing(k, height, *values, tight=1.0, **more):
+    """One of two strings of 0.4 m that cross at a right angle, the thin one along y."""
+    along = np.eye(3)[k] * 0.2 * tight
+    places = {
+        "start.position": (-along + [0.0, 0.0, k * height]).tolist(),
+        "end.position": (along + [0.0, 0.0, k * height]).tolist(),
+        "cable.length": 0.4,
+        "cable.diameter": (THICK, THIN)[k],
+        "cable.linear_density": (0.1, 0.02)[k],
+    }
+    return scene_of(WIRE, TOUCHING, places, *values, **more)
+
+
+def lower_ends(sim):
+    """By 3 cm."""
+    for end in ("start", "end"):
+        move(sim, end, 0.5, velocity=[0.0, 0.0, -0.06])
+
+
+def test_tight_strands_that_cross_press_as_their_sags_say():
+    """Strings of EA = 2 kN, 0.4 m long, 0.404 m between their ends, 28 mm through each other: a sag
+    of 14 mm each, 24.8 N along them, and 3.436 N between them. Control points round the corners."""
+    held = {"end.fixed": [True] * 3, "damping.mass": 20.0, "discretization.control_points": 61}
+    scenes = [crossing(k, 0.009, held, tight=1.01) for k in range(2)]
+    pair = Branched(scenes, [], step=2e-3, driven=[lambda sim: None, lower_ends])
+    pair.advance(750)
+    touching = contacts_of(pair.cable)["itself"]
+    assert set(touching.strands) == {0}
+    force = -touching.forces[:, 2].sum()
+    for k in range(2):
+        middle = pair.at(k, 0.2)
+        sag = abs(middle[2] - pair.branch(k)[0, 2])
+        half = np.hypot(0.202, sag)
+        tension = 2e3 * (half / 0.2 - 1.0)
+        assert sag == pytest.approx(0.014, rel=1e-2)
+        assert 2.0 * tension * sag / half == pytest.approx(force, rel=1e-2)
+    assert force == pytest.approx(3.436, rel=1e-2)
+    gap = pair.at(1, 0.2)[2] - pair.at(0, 0.2)[2] - 0.5 * (THICK + THIN)
+    assert -0.05 * THIN < gap < 0.0
+    assert pair.cable.account.crossed == 0.0
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_strands_thrown_at_each_other_do_not_pass(friction):
+    """They keep momentum and energy."""
+    free = {"start.fixed": [False] * 3, "damping.mass": 0.0, "contact.damping": 0.0}
+    scenes = [crossing(k, 0.02, free, {"contact.friction": friction}) for k in range(2)]
+    pair = Branched(scenes, [], step=5e-4)
+    points = pair.cable.points
+    rates = np.zeros_like(points)
+    rates[21:, 2], rates[:21, 1] = -2.0, 0.3
+    pair.put(points, rates)
+    weights = mass.multiply(pair.cable.model.mass(0), np.ones(pair.cable.model.n))
+    flow = pair.cable.velocities(0.0)[:3] @ weights
+    least = np.inf
+    for _ in range(80):
+        pair.advance(1)
+        least = min(least, nearest(pair.cable.model, pair.cable.points).clearance)
+    now = pair.cable.velocities(0.0)[:3] @ weights
+    np.testing.assert_allclose(now, flow, atol=1e-10 * np.linalg.norm(flow))
+    assert -0.5 * THIN < least < 0.0
+    assert pair.cable.account.crossed == pair.cable.account.pairs_lost == 0.0
+    assert pair.at(1, 0.2)[2] - pair.at(0, 0.2)[2] > 0.5 * THICK
+    assert pair.cable.share_open() < 1e-6
+
+
+def test_strands_in_line_meet_tip_to_tip():
+    """Nothing turns between them, as along one straight cable."""
+    free = {"start.fixed": [False] * 3, "damping.mass": 0.0, "cable.bending_stiffness": 0.1}
+    ahead = {"start.position": [0.23, 0.0, 0.0], "end.position": [0.63, 0.0, 0.0]}
+    pair = Branched([crossing(0, 0.0, free), crossing(1, 0.0, free, ahead)], [], step=2e-4)
+    points, rates = pair.cable.points, np.zeros_like(pair.cable.points)
+    rates[21:, 0] = -2.0
+    pair.put(points, rates)
+    pair.advance(200)
+    gap = pair.at(1, 0.0) - pair.at(0, 0.4)
+    assert np.linalg.norm(gap) > 0.4 * (THICK + THIN) and gap[0] > 0.0
+    assert rates[21:, 0].mean() + 2.5 < pair.cable.velocities(0.0)[0, 21:].mean()
+    assert pair.cable.account.crossed == 0.0
+
+
+def test_strands_do_not_touch_near_their_joint():
+    """A thin branch that leaves a thick cable across it."""
+    free = {"start.fixed": [False] * 3}
+    scenes = [crossing(0, 0.0), crossing(1, 0.0, free)]
+    scenes[1] = scenes[1].with_values(
+        {"start.position": [0.0] * 3, "end.position": [0.0, 0.4, 0.0]}
+    )
+    hinge, near = [Joint((0, 1), (0.2, 0.0))], [Joined((0, 0.2), (1, 0.0))]
+    pair, bare = Branched(scenes, hinge, touching=near), Branched(scenes, hinge)
+    assert not np.any(pair.cable.strands()[:, 0] < 0.0)
+    assert np.any(bare.cable.strands()[:, 0] < -0.9 * THIN)
+    places = [nearest(one.cable.model, one.cable.points) for one in (pair, bare)]
+    assert places[0].clearance > 0.0 > places[1].clearance
+    pair.advance(50)
+    assert pair.cable.arrays.state.energy[TOUCHING_ENERGY] == 0.0
+
+
+def test_a_strand_in_two_parts_presses_as_one():
+    """Cut at a knot, at 0.15 m, and joined again smoothly."""
+    held = {"end.fixed": [True] * 3, "damping.mass": 20.0, "contact.stiffness": 3e6}
+    held, n = held | {"discretization.stretch": "sample"}, "discretization.control_points"
+    whole, across = (crossing(k, 0.009, held, tight=1.01, n=43) for k in range(2))
+    place = {"start.fixed": [False] * 3, "start.position": [-0.0505, 0.0, 0.0]}
+    parts = [
+        whole.with_values({"cable.length": 0.15, n: 18, "end.fixed": [False] * 3}),
+        whole.with_values({"cable.length": 0.25, n: 28} | place),
+    ]
+    cut = {"joints": [Joint((0, 1), (0.15, 0.0), (0, 1, 2))]}
+    cut |= {"touching": [Joined((0, 0.15), (1, 0.0))]}
+    forces = []
+    for scenes, how in (([*parts, across], cut), ([whole, across], {"joints": []})):
+        drive = [lambda sim: None] * (len(scenes) - 1) + [lower_ends]
+        net = Branched(scenes, step=2e-3, driven=drive, **how)
+        points = net.cable.points
+        u = [bspline.greville(part.model.knots) for part in net.parts[:-1]]
+        u = np.concatenate([u[0], *(one + 0.15 for one in u[1:])])
+        points[: len(u), 0] = 1.01 * (u - 0.2)
+        net.put(points)
+        net.advance(750)
+        assert net.cable.account.crossed == 0.0
+        forces.append(contacts_of(net.cable)["itself"].forces[:, 2].sum())
+    assert forces[1] < -3.0 and forces[0] == pytest.approx(forces[1], rel=1e-5)
+
+
+def test_strands_that_pass_through_each_other_are_seen():
+    """Without contact between them; a start inside each other is refused where both are held."""
+    off = {"contact.self_contact": "off"}
+    pair, watch = Branched([crossing(k, 0.006, off) for k in range(2)], []), Watch()
+    watch.look(pair.cable.model, pair.cable.x[:3], 0.5)
+    assert "up to 0.001 m deep (at 0.2 m and 0.2 m)" in watch.warning
+    deep = Branched([crossing(k, 0.001) for k in range(2)], [])
+    for held in ([[], []], [[0.2], []], [[0.0], [0.0, 0.4]]):
+        check_start(deep.cable, held)
+    with pytest.raises(SceneError, match="begins 0.006 m inside itself, at 0.2 m and 0.2 m, where"):
+        check_start(deep.cable, [[0.0, 0.2], [0.2]])
+    found = list(warnings(deep.cable, contacts_of(deep.cable)["itself"], ""))
+    assert sum("the cable began up to 0.006 m inside itself" in line for line in found) == 1
+
+
+@pytest.mark.parametrize("gap", [0.02, 0.006])
+def test_the_nearest_places_of_two_strands_are_found(gap):
+    pair = Branched([crossing(k, gap) for k in range(2)], [])
+    found = nearest(pair.cable.model, pair.cable.points)
+    assert found.clearance == pytest.approx(gap - 0.5 * (THICK + THIN), abs=0.02 * THIN)
+    assert found.strands == (0, 1) and found.u == pytest.approx((0.2, 0.2), abs=1e-3)
 
 
 def test_branches_must_be_alike():
