@@ -88,7 +88,8 @@ class _Spline:
         """
         slope = self._slopes @ points
         weights = self._weights.reshape(-1, SAMPLES)
-        shares = weights / weights.sum(1, keepdims=True)
+        spans = weights.sum(1, keepdims=True)
+        shares = weights / np.where(spans > 0.0, spans, 1.0)  # void where knots coincide
         rows = (self._slopes[:, :, None] * slope[:, None, :]).reshape(*shares.shape, -1)
         strain = 0.5 * (np.sum(slope**2, axis=1) - 1.0).reshape(shares.shape)
         mean, of_mean = np.sum(shares * strain, axis=1), np.einsum("sk,skj->sj", shares, rows)
