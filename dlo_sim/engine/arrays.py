@@ -431,13 +431,14 @@ class Work(Group):
     guard = Lanes(25)  # gradient of the span guard on a block, and factors of its Jacobian
     pairs = Reals("pairings", 16, "columns")  # entries between two control points of each span
     pair_sums = Reals(7, groups.LANES)
+    coupled_end = Wholes("n")  # control point behind those that the matrix couples with each
     border_at = Wholes("bordered", 2)  # first of the 4 lines unknowns of both places, or -1
     border_force = Reals("bordered", 2, "seen")  # F, without unknowns that other rows fix
     border_push = Reals("bordered", 2, "seen")  # F with them
     border_condition = Reals("bordered", 2, "seen")  # C
     border_compliance = Reals("bordered")  # 0 for rigid rows
     border_gap = Reals("bordered")  # by which rigid rows are still open
-    border_gram = Reals("kept_rows", "kept_rows")  # (F F^T)^-1 of the rigid rows
+    border_gram = Reals("kept_rows", "border_columns")  # (F F^T)^-1 of the rigid rows
     border_shift = Reals("padded", "border_columns")  # Z, from row PADDING on
     border_system = Reals("bordered", "border_columns")  # (C Z + compliance)^-1
     border_share = Reals("border_columns")

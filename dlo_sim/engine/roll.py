@@ -45,8 +45,8 @@ from dlo_sim.engine.arrays import (
     STATIC_TWIST,
 )
 from dlo_sim.engine.band import first_of
-from dlo_sim.engine.grasps import angle_about, carried
-from dlo_sim.engine.rigid_body import directors, means
+from dlo_sim.engine.grasps import angle_about, carried, component
+from dlo_sim.engine.rigid_body import add_between, directors, means
 from dlo_sim.engine.spans import store_three, three
 from dlo_sim.engine.term import ENERGY, FORCE
 from dlo_sim.terms.vectors import combined, cross, dot
@@ -218,6 +218,37 @@ def loss(cable, x0, x1):
         change = gap_at(cable, roll, x1) - gap_at(cable, roll, x0)
         lost += (at_end(cable) - 0.5) * cable.rolls.stiffness[roll] * change * change
     return lost
+
+
+@kernel(void, CABLE, LINES, float64, boolean, LINES, terms=ROLLED, family=IMPLICIT | BETWEEN)
+def tangent(cable, x, scale, symmetric, band):
+    """band += scale times the change of the forces of the rolls with the body at x, for their last
+    moments f (`work.roll_moment`), as far as these stay: the torque f T turns with the tangent,
+        force on p_i = - f/2 T x e_i / l_i,   T = u / |u|,   u = sum_j along_j e_j.
+    With `symmetric` the symmetric part of it.
+    """
+    rolls, bodies, lines = cable.rolls, cable.bodies, cable.lines
+    for roll in range(len(rolls.stiffness)):
+        body, moment = rolls.body[roll], scale * cable.work.roll_moment[roll]
+        e = directors(cable, body, x)
+        u = in_body(e, rolls.along, roll)
+        size = np.sqrt(dot(u, u))
+        t = combined(1.0 / size, u, 0.0, u)
+        for i in range(3):
+            for j in range(3):
+                share = 0.5 * moment / (bodies.length[body, i] * bodies.length[body, j])
+                for c in range(3):
+                    axis = (1.0 if c == 0 else 0.0, 1.0 if c == 1 else 0.0, 1.0 if c == 2 else 0.0)
+                    turn = combined(1.0, axis, -component(t, c), t)
+                    column = cross(combined(rolls.along[roll, j] / size, turn, 0.0, t), e[i])
+                    if i == j and not symmetric:
+                        column = combined(1.0, column, 1.0, cross(t, axis))
+                    half = 0.5 * share if symmetric else share
+                    for r in range(3):
+                        value = half * component(column, r)
+                        add_between(bodies.point[body], i + 1, j + 1, r, c, lines, value, band)
+                        if symmetric:
+                            add_between(bodies.point[body], j + 1, i + 1, c, r, lines, value, band)
 
 
 # -- rigid rolls ---------------------------------------------------------------------------------

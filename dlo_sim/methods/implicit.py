@@ -72,7 +72,8 @@ from dlo_sim.engine.band import (
     keep_border,
     own_point,
     set_border,
-    set_roll_border,
+    set_roll_condition,
+    set_roll_force,
     solve,
     solve_border,
     stiffen_border,
@@ -425,7 +426,7 @@ def set_residual(cable, a, b):
             push = inertia[d, MARGIN + i]
             energy += abs(push * change[d, MARGIN + i])
             residual[PADDING + i * lines + d] = work.force[d, MARGIN + i] - push
-    set_roll_border(cable, work.middle_direction, work.middle_direction, NO)
+    set_roll_force(cable, work.middle_direction)
     take_reactions(cable, work.middle_direction, work.row_force)
     clear_held(cable, residual, PADDING)
     return energy
@@ -468,8 +469,9 @@ def newton_matrix(cable, t0, tau, a, discrete):
     add_springs(cable, 0.5, matrix)
     slide_tangent(cable, YES, work.start, state.x, 1.0, matrix)
     add_load_stiffness(cable, middle, t0 + 0.5 * tau, 0.5, matrix)
+    roll.tangent(cable, middle, 0.5, NO, matrix)
     hold(cable, work.middle_direction, state.direction, matrix)
-    set_roll_border(cable, work.middle_direction, state.direction, YES)
+    set_roll_condition(cable, state.direction)
     stiffen_border(cable, matrix)
     state.balance.matrix_weight = 0.0
     if not factorize(cable, matrix):
