@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator
 from typing import TYPE_CHECKING
 
+from dlo_sim.core.bspline import ACTIVE
 from dlo_sim.scene.description import Scene, parameters_of
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import (
@@ -472,8 +473,7 @@ class Session:
             ("simulated time [s]", f"{simulator.time:.6f}"),
             ("step [s]", f"{simulator.step:.9g}"),
             ("method", simulator.method),
-            *_counts_of(simulator),
-            (KNOTS, _density(simulator.scene)),
+            *_spline_values(simulator),
             ("active terms", ", ".join(simulator.active_terms)),
             ("left out", left_out),
             ("warnings", "; ".join(warnings)),
@@ -507,10 +507,16 @@ class Session:
         self._next_look = 0  # step at which the estimate may have changed
 
 
-def _counts_of(simulator: Simulator) -> Iterator[tuple[str, str]]:
-    """Numbers of control points, in words."""
-    for strand, count in zip(simulator.scene.strands, _counts(simulator), strict=True):
-        yield "control points" + f" of {strand.name}" * bool(strand.key), str(count)
+def _spline_values(simulator: Simulator) -> Iterator[tuple[str, str]]:
+    """Number of control points, and where the knots lie; of a net as shares of each cable."""
+    if not simulator.scene.is_net:
+        yield "control points", str(len(simulator.greville))
+        yield KNOTS, _density(simulator.scene)
+        return
+    for part in simulator.model.parts:
+        inside = part.model.knots[ACTIVE:-ACTIVE] / part.length
+        yield f"control points of {part.name}", str(part.model.n)
+        yield f"knots of {part.name}", " ".join(f"{knot:.17g}" for knot in inside)
 
 
 def _tension_values(simulator: Simulator) -> Iterator[tuple[str, str]]:

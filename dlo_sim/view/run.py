@@ -55,6 +55,7 @@ _OF_CABLES = {name: _ARRAYS[name] for name in ("centerline", "control_points", *
 _OF_CONNECTORS = {"pose": "T7", "triangles": "k33"}
 _LINE = ".centerline"
 _TOUCHING = [name for name in _ARRAYS if name.startswith(("obstacle", "contact"))]
+_Values = list[tuple[int, dict[str, str]]]  # stamps [ns], and the values of the diagnostics
 _GIVE = "give the scene of that run"
 _LONGEST_FORCE = 0.15  # line of the largest contact force, in extents of the run
 
@@ -336,7 +337,7 @@ def read_bag(
     try:
         bag = Bag(path)
         node = node or _only_node(path, bag)
-        states, forces, curves, density = _read(bag, node, origin_ns)
+        states, forces, curves, told = _read(bag, node, origin_ns)
         topics = {MAIN: f"{node}{_LAST}", **_further(bag, node)}
         others = {one: _states(bag, topics[one]) for one in topics if one != MAIN}
         shown, connectors = (_markers(bag, f"{node}{one[1:]}") for one in (CONTACTS, CONNECTORS))
@@ -345,7 +346,7 @@ def read_bag(
     stamps = np.array(sorted(states))
     strands = _strands(path, scene, others)
     main, *further = (
-        _in_bag(f"{path}: {topics[name]}", name, stamps, poses, strands[name], density)
+        _in_bag(f"{path}: {topics[name]}", name, stamps, poses, strands[name], told)
         for name, poses in {MAIN: states, **others}.items()
     )
     origin = stamps[0] if origin_ns is None else origin_ns
@@ -369,11 +370,15 @@ def read_bag(
 
 def _strands(
     path: Path, scene: Scene | None, others: Mapping[str, object]
-) -> dict[str, Scene | None]:
-    """Cable in a bag -> its own scene, if one is given."""
+) -> dict[str, tuple[Scene, Array] | None]:
+    """Cable in a bag -> its own scene and knots, if a scene is given."""
+    from dlo_sim.simulation.build_model import knots_of  # imports the compiler
+
     if scene is None:
         return dict.fromkeys((MAIN, *others))
-    found = {strand.name: strand.scene for strand in resolution.resolved(scene)[0].strands}
+    known, _ = resolution.resolved(scene)
+    knots = knots_of(known)
+    found = {strand.name: (strand.scene, knots[strand.name]) for strand in known.strands}
     if found.keys() != {MAIN, *others}:
         there = ", ".join((MAIN, *others))
         raise RunError(f"{path}: has the cables {there}, the scene {', '.join(found)}; {_GIVE}")
@@ -385,17 +390,20 @@ def _in_bag(
     name: str,
     stamps: NDArray[np.int64],
     states: dict[int, Array],
-    scene: Scene | None,
-    density: bspline.Grading,
+    known: tuple[Scene, Array] | None,
+    told: _Values,
 ) -> Cable:
-    """A cable from its states by their stamps; the spans of a net are equal."""
+    """A cable from its states by their stamps."""
     poses = _at(stamps, states)
     if poses.shape[1] < bspline.ACTIVE:
         raise RunError(
             f"{where} holds {poses.shape[1]} control points, a cable has "
             f"{bspline.ACTIVE} or more; give a bag of a run"
         )
-    knots = _knots(where, scene, poses.shape[1], density)
+    knots = _knots(told, name, poses.shape[1]) if known is None else known[1]
+    if len(knots) != poses.shape[1] + bspline.ACTIVE:
+        number = len(knots) - bspline.ACTIVE
+        raise RunError(f"{where} has {poses.shape[1]} control points, the scene {number}; {_GIVE}")
     u = np.linspace(0.0, knots[-1], _POINTS)
     points = poses[:, :, :3]
     good = np.all(np.abs(poses) <= _LARGEST, axis=(1, 2))
@@ -408,8 +416,9 @@ def _in_bag(
     shape = strain(knots, u)
     with np.errstate(all="ignore"):  # points that coincide or are far apart; refused later
         colors = {CURVATURE: shape.curvature(points)}
-        if scene is not None and not scene.without_tension:
-            tension = shape.tension(points, scene.cable.EA, scene.cable.EI)
+        if known is not None and not known[0].without_tension:
+            cable = known[0].cable
+            tension = shape.tension(points, cable.EA, cable.EI)
             colors = {TENSION: tension, **colors}
     line = bspline.evaluate(np.eye(len(knots) - bspline.ACTIVE), knots, u) @ points
     return Cable(name, line, points, colors)
@@ -450,8 +459,8 @@ def _only_node(path: Path, bag: Bag) -> str:
 
 def _read(
     bag: Bag, node: str, origin_ns: int | None
-) -> tuple[dict[int, Array], dict[str, dict[int, Array]], tuple[Curve, ...], bspline.Grading]:
-    """Poses and forces by their stamps, and curves and the grading from the diagnostics."""
+) -> tuple[dict[int, Array], dict[str, dict[int, Array]], tuple[Curve, ...], _Values]:
+    """Poses and forces by their stamps, and curves and values from the diagnostics."""
     poses = f"{node}{_LAST}"
     before, _, after = f"{node}{REACTION.removeprefix('~')}".partition("{}")
     ends = {
@@ -472,7 +481,7 @@ def _read(
             mine = [dict(s.values) for s in statuses if s.name == f"{node}: session"]
             told += [(stamp_ns, values) for values in mine]
     origin = min(states) if origin_ns is None else origin_ns
-    return states, forces, tuple(_told(told, origin)), _density(told)
+    return states, forces, tuple(_told(told, origin)), told
 
 
 def _states(bag: Bag, topic: str) -> dict[int, Array]:
@@ -555,7 +564,7 @@ def _surroundings(stamps: NDArray[np.int64], shown: dict[int, Any]) -> dict[str,
     return {"bodies": tuple(bodies), "forces": tuple(forces), "looks": looks}
 
 
-def _told(told: list[tuple[int, dict[str, str]]], origin_ns: int) -> list[Curve]:
+def _told(told: _Values, origin_ns: int) -> list[Curve]:
     """Curves of the diagnostics."""
     curves = []
     keys = {_ENERGY: "energy", _ERROR: "error", _FORCE: "total", _CLEARANCE: "least"}
@@ -575,24 +584,21 @@ def _is_number(text: str) -> bool:
         return False
 
 
-def _density(told: list[tuple[int, dict[str, str]]]) -> bspline.Grading:
-    """Grading of the knots of a cable of length 1, from the diagnostics."""
+def _knots(told: _Values, name: str, n: int) -> Array:
+    """Knots of a cable of length 1 with n control points, from the diagnostics; else of equal
+    spans.
+    """
     for _, values in told:
+        words = values.get(f"knots of {name}", "").split()
+        if len(words) == n - bspline.ACTIVE and all(map(_is_number, words)):
+            inside = np.clip(np.sort(np.array(words, dtype=float)), 0.0, 1.0)
+            return np.pad(inside, bspline.ACTIVE, constant_values=(0.0, 1.0))
         words = values.get(KNOTS, "").split()
         if len(words) == 3 and all(_is_number(word) and float(word) >= 0.0 for word in words):
             start, end, reach = map(float, words)
-            return bspline.Grading(start, end, reach) if reach else bspline.EQUAL
-    return bspline.EQUAL
-
-
-def _knots(where: str, scene: Scene | None, n: int, density: bspline.Grading) -> Array:
-    if scene is None:
-        return bspline.clamped_knots(max(n, bspline.ACTIVE), 1.0, density)
-    known, _ = resolution.resolved(scene)
-    number, length = known.discretization.control_points, known.cable.length
-    if n != number:
-        raise RunError(f"{where} has {n} control points, the scene {number}; {_GIVE}")
-    return bspline.clamped_knots(n, length, resolution.knot_grading(known))
+            density = bspline.Grading(start, end, reach) if reach else bspline.EQUAL
+            return bspline.clamped_knots(n, 1.0, density)
+    return bspline.clamped_knots(n, 1.0)
 
 
 def _at(stamps: NDArray[np.int64], found: dict[int, Array]) -> Array:

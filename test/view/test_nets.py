@@ -36,7 +36,7 @@ def bag(tmp_path_factory):
     """The output of a replay."""
     folder = tmp_path_factory.mktemp("bags")
     writer = BagWriter(folder / "told", TOPICS, "mcap")
-    for topic, time, raw in told():
+    for topic, time, raw in told(0.0, 1.3):  # with diagnostics, which come once a second
         writer.write(topic, time, raw)
     writer.finish()
     replay_bag(folder / "told", harness(), folder / "out")
@@ -62,7 +62,7 @@ def test_recording_has_every_cable_and_connector(recorded):
 
 def test_bag_has_what_the_session_had(bag):
     session = Session(harness())
-    feed(session)
+    feed(session, 0.0, 1.3)
     stamp = session.stamp_ns * 1e-9
     with_scene, without = read_run(bag, harness()), read_run(bag)
     assert [one.name for one in with_scene.others] == NAMES
