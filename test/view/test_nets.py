@@ -67,7 +67,7 @@ def test_bag_has_what_the_session_had(bag):
     with_scene, without = read_run(bag, harness()), read_run(bag)
     assert [one.name for one in with_scene.others] == NAMES
     sample = int(np.argmin(np.abs(with_scene.time + 1000.0 - stamp)))
-    for one, alike in zip(with_scene.others, without.others, strict=True):
+    for one, alike in zip(with_scene.cables, without.cables, strict=True):
         curve = session.simulator.strand(one.name)
         line = curve.points(np.linspace(0.0, curve.length, 60))
         assert one.centerline[sample] == pytest.approx(line, abs=1e-12)
