@@ -24,6 +24,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.drawn_strands import with_bodies
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.model import MAIN, Model, Part
+from dlo_sim.simulation.net import smooth_places
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -166,6 +167,9 @@ def _held_rows(
             across = np.linalg.svd(ends.tangent(name, 0.0)[None])[2][1:]
             rows += [np.kron(slope, axis) for axis in across]
             places += [0.0, 0.0]
+    for point in smooth_places(part):
+        rows += [np.kron(point.values(model.n)[part.here], axis) for axis in np.eye(3)]
+        places += [0.0] * 3
     for at, order, wanted in known:
         value = bspline.evaluate(np.eye(n), knots, np.array([at]), order)[0]
         rows += [np.kron(value, axis) for axis in np.eye(3)]
