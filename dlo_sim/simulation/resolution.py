@@ -148,7 +148,10 @@ def continued(scene: Scene, before: Scene) -> Scene:
             for strand, one in zip(scene.strands, before.strands, strict=True)
             if not strand.scene.discretization.control_points
         }
-        return scene.with_values({"discretization.knots": "uniform"} | fixed)
+        kept: dict[str, object] = {"discretization.knots": "uniform", **fixed}
+        if scene.discretization.stretch == "auto":
+            kept["discretization.stretch"] = before.discretization.stretch
+        return scene.with_values(kept)
     asked, present = scene.discretization, before.discretization
     number = asked.control_points or present.control_points
     if asked.knots != "auto" or number != present.control_points:
