@@ -20,7 +20,7 @@ MARGIN = 3  # columns before the first control point
 PADDING = 16  # zeros before and behind a vector of all unknowns
 MOST_CORRECTIONS = 14  # of one implicit step with one matrix
 MOST_STAGES = 4  # of a Runge-Kutta method
-ROLL_SIZE = 7  # numbers of `State.roll`
+ROLL_SIZE = 8  # numbers of `State.roll`
 FRAME_SIZE = 8  # numbers of `State.frame`
 MOTION_SIZE = 36  # numbers of the motion of a grasp (`engine.grasps`)
 
@@ -431,13 +431,14 @@ class Work(Group):
     guard = Lanes(25)  # gradient of the span guard on a block, and factors of its Jacobian
     pairs = Reals("pairings", 16, "columns")  # entries between two control points of each span
     pair_sums = Reals(7, groups.LANES)
+    coupled_end = Wholes("n")  # control point behind those that the matrix couples with each
     border_at = Wholes("bordered", 2)  # first of the 4 lines unknowns of both places, or -1
     border_force = Reals("bordered", 2, "seen")  # F, without unknowns that other rows fix
     border_push = Reals("bordered", 2, "seen")  # F with them
     border_condition = Reals("bordered", 2, "seen")  # C
     border_compliance = Reals("bordered")  # 0 for rigid rows
     border_gap = Reals("bordered")  # by which rigid rows are still open
-    border_gram = Reals("kept_rows", "kept_rows")  # (F F^T)^-1 of the rigid rows
+    border_gram = Reals("kept_rows", "border_columns")  # (F F^T)^-1 of the rigid rows
     border_shift = Reals("padded", "border_columns")  # Z, from row PADDING on
     border_system = Reals("bordered", "border_columns")  # (C Z + compliance)^-1
     border_share = Reals("border_columns")
@@ -447,6 +448,7 @@ class Work(Group):
     roll_force = Reals("rolls", 2, "seen")  # rows of F, in world coordinates: strand, body
     roll_condition = Reals("rolls", 2, "seen")  # rows of C
     roll_moment = Reals("rolls")  # of the body on the strand [N m]
+    roll_predicted = Reals("rolls")  # the same by the last correction
     columns = Reals("rigid", "unknowns")  # of the matrix, by row (`methods.relax_step`)
     border_value = Reals("border_columns")
     trial = Lanes("obstacles", "groups", 3)  # bristles at the end of the step

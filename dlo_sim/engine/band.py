@@ -15,6 +15,9 @@ along F^T, the constraints are C y = 0, and a Newton correction y for the residu
 A joint that gives, a spring of stiffness k between two branches, lies outside the band. Its change
 of force f = - k C y gives the same with C Z + 1 / k in place of C Z.
 
+The rolls of strands on bodies (`engine.roll`) are border rows, too, whose F and C depend on the
+configuration. Where a rigid one is still open by a gap, a correction fulfils C y = -gap.
+
 Adding multiples of F^T C to K does not change y. It is done because K is singular if only border
 rows support a cable at rest. For a row between two places, F = a + b, the product lies outside the
 band. At rest (`ground_border`) g (a^T a + b^T b) is added instead,
@@ -503,6 +506,7 @@ def set_border(cable, pushed, ahead):
     """
     work = cable.work
     work.results.grounded = 0.0
+    find_coupled(cable)
     for k in range(bordered(cable)):
         set_places(cable, k)
     write_border(cable, 0, pushed, work.roll_force, NO, work.border_push)
@@ -511,33 +515,67 @@ def set_border(cable, pushed, ahead):
     set_gram(cable)
 
 
-@kernel(void, CABLE, LINES, LINES, boolean, terms=ROLLED)
-def set_roll_border(cable, pushed, ahead, whole):
-    """Set F of the rolls anew, with (F F^T)^-1, and if `whole` C, too, as `set_border`."""
+@kernel(void, CABLE, LINES, terms=ROLLED)
+def set_roll_force(cable, pushed):
+    """Set F of the rolls anew, and (F F^T)^-1, as `set_border`."""
     work, first = cable.work, cable.rows.border
     write_border(cable, first, pushed, work.roll_force, NO, work.border_push)
     write_border(cable, first, pushed, work.roll_force, YES, work.border_force)
-    if whole:
-        write_border(cable, first, ahead, work.roll_condition, YES, work.border_condition)
     set_gram(cable)
+
+
+@kernel(void, CABLE, LINES, terms=ROLLED)
+def set_roll_condition(cable, ahead):
+    """Set C of the rolls anew, as `set_border`."""
+    work, first = cable.work, cable.rows.border
+    write_border(cable, first, ahead, work.roll_condition, YES, work.border_condition)
+
+
+@inline
+def find_coupled(cable):
+    """Set where strands end, with the bodies that have control points of theirs."""
+    n, end, bodies = cable.n, cable.work.coupled_end, cable.bodies
+    for i in range(n):
+        end[i] = i + 1
+    for span in range(n - 3):
+        if lane(cable.mesh.share[span // LANES], span % LANES) != 0.0:
+            end[span] = span + 4
+    for body in range(len(bodies.stiffness)):
+        first = first_of(cable, body)
+        for k in range(4):
+            end[first] = max(end[first], bodies.point[body, k] + 1)
+    begin = 0
+    while begin < n:
+        last, i = end[begin], begin
+        while i < last:
+            last = max(last, end[i])
+            i += 1
+        for i in range(begin, last):
+            end[i] = last
+        begin = last
 
 
 @inline
 def set_gram(cable):
     """(F F^T)^-1 of the rigid rows."""
     work, count = cable.work, kept(cable)
-    spare = work.border_spare
-    for r in range(cable.n * cable.lines):
-        spare[r] = 0.0
     for k in range(count):
-        spread(cable, work.border_force, k, 1.0, spare, 0)
-        for j in range(count):
-            work.border_gram[j, k] = along(cable, work.border_force, j, spare, 0)
-        for w in range(2):
-            for r in range(4 * cable.lines):
-                if work.border_at[k, w] >= 0:
-                    spare[work.border_at[k, w] + r] = 0.0
-    invert_in_place(work.border_gram)
+        for j in range(k + 1):
+            work.border_gram[k, j] = work.border_gram[j, k] = product_of_rows(cable, k, j)
+    invert_pivoted(work.border_gram, count, work.border_order)
+
+
+@inline
+def product_of_rows(cable, k, j):
+    """Scalar product of two rows of F."""
+    f, places, value = cable.work.border_force, cable.work.border_at, 0.0
+    for w in range(2):
+        for v in range(2):
+            apart = places[j, v] - places[k, w]
+            if places[k, w] >= 0 and places[j, v] >= 0 and abs(apart) < f.shape[2]:
+                for r in range(max(apart, 0), f.shape[2] + min(apart, 0)):
+                    value += f[k, w, r] * f[j, v, r - apart]
+    return value
 
 
 @inline
@@ -577,8 +615,8 @@ def invert_pivoted(a, size, order):
                 store(a, best, j, load(a, k, j))
             store(a, k, j, row)
         for i in range(size):
-            if i != k:
-                factor = a[i, k]
+            factor = a[i, k]
+            if i != k and factor != 0.0:  # rows far apart do not meet in F F^T
                 a[i, k] = 0.0
                 for j in range(0, size, LANES):
                     store(a, i, j, load(a, i, j) - factor * load(a, k, j))
@@ -671,19 +709,22 @@ def solve_border(cable, band, share):
             for r in range(4 * cable.lines if at >= PADDING else 0):
                 z[at + r, k] += work.border_force[k, w, r]
     for column in range(0, count, LANES):
-        first = size
-        for k in range(column, min(column + LANES, count)):
-            for w in range(2):
-                if work.border_at[k, w] >= 0:
-                    first = min(first, work.border_at[k, w])
         if work.results.coupled == IN_SKYLINE:
-            substitute_skyline_columns(cable, size, first, column, z)
-        elif cable.lines == 2:
-            substitute_columns(band, size, 7, first, column, z)
-        elif cable.lines == 3:
-            substitute_columns(band, size, 11, first, column, z)
-        else:
-            substitute_columns(band, size, 15, first, column, z)
+            substitute_skyline_columns(cable, size, 0, column, z)
+            continue
+        begin = 0
+        while begin < cable.n:
+            low, end = cable.lines * begin, work.coupled_end[begin]
+            high, begin = cable.lines * end, end
+            first = first_seen(cable, column, low, high)
+            if first == high:
+                continue
+            if cable.lines == 2:
+                substitute_columns(band, low, high, 7, first, column, z)
+            elif cable.lines == 3:
+                substitute_columns(band, low, high, 11, first, column, z)
+            else:
+                substitute_columns(band, low, high, 15, first, column, z)
     for j in range(count):
         for column in range(0, count, LANES):
             sums = zero()
@@ -707,15 +748,29 @@ def share_of(cable, k, share):
 
 
 @inline
-def substitute_columns(band, size, half, first, column, z):
-    """`substitute_rows` for eight columns of z from `column` on, zero before row `first`."""
-    for r in range(first, size):
+def first_seen(cable, column, low, high):
+    """First unknown from `low` on at which eight border rows from `column` on act, or `high`."""
+    first, last = high, min(column + LANES, border_columns(cable))
+    for k in range(column, last):
+        for w in range(2):
+            at = cable.work.border_at[k, w]
+            if at >= 0 and at < high and at + 4 * cable.lines > low:
+                first = min(first, max(at, low))
+    return first
+
+
+@inline
+def substitute_columns(band, low, high, half, first, column, z):
+    """`substitute_rows` for eight columns of z from `column` on, and the unknowns from `low` to
+    before `high`, which are coupled to no others; zero before `first`.
+    """
+    for r in range(first, high):
         row, at = band[r], PADDING + r
         value = load(z, at, column)
         for k in range(half):
             value -= row[k] * load(z, at - half + k, column)
         store(z, at, column, value)
-    for r in range(size - 1, -1, -1):
+    for r in range(high - 1, low - 1, -1):
         row, at = band[r], PADDING + r
         value = load(z, at, column)
         for k in range(half, 0, -1):
@@ -804,33 +859,23 @@ def take_shares(cable, count, y):
         y[r] -= lane_sum(sums)
 
 
-@kernel(void, CABLE, VECTOR, terms=BORDERED)
-def keep_border(cable, y):
-    """Let a correction y, of which unknown r is y[PADDING + r], keep the border rows:
-    y <- (1 - Z (C Z + compliance)^-1 C) y.
+@kernel(void, CABLE, boolean, VECTOR, terms=BORDERED)
+def keep_border(cable, closes, y):
+    """Let a correction y, of which unknown r is y[PADDING + r], keep the border rows, and if it
+    `closes` the gaps of the rigid ones, close these:
+    y <- y - Z (C Z + compliance)^-1 (C y + gap).
+    Minus `work.border_share` are the multipliers that it adds.
     """
     work, count = cable.work, border_columns(cable)
     values = work.border_value
     for k in range(count):
         values[k] = along(cable, work.border_condition, k, y, PADDING)
+    for k in range(cable.rows.border, kept(cable) if closes else 0):
+        values[k] += work.border_gap[k]
     for k in range(count):
         share = 0.0
         for j in range(count):
             share += work.border_system[k, j] * values[j]
-        work.border_share[k] = share
-    take_shares(cable, count, y)
-
-
-@kernel(void, CABLE, VECTOR, terms=ROLLED, family=IMPLICIT | BETWEEN)
-def close_border(cable, y):
-    """Let a correction y that keeps the border rows close the gaps of the rigid ones:
-    y -= Z (C Z + compliance)^-1 gap.
-    """
-    work, count = cable.work, border_columns(cable)
-    for k in range(count):
-        share = 0.0
-        for j in range(kept(cable)):
-            share += work.border_system[k, j] * work.border_gap[j]
         work.border_share[k] = share
     take_shares(cable, count, y)
 

@@ -444,21 +444,20 @@ def motion(cable, x0, x1):
     """By how much control points of strands move relative to the first one at most [m], and the
     largest change of an edge between neighbours, as a share of its length there.
     """
-    way, turn, branch = 0.0, 0.0, cable.mesh.branch
-    for c in range(MARGIN, MARGIN + cable.n):
-        moved = changed = length = 0.0
-        own = branch[c - MARGIN]
-        if own < 0:
-            continue
-        for d in range(cable.dim):
-            here = x1[d, c] - x0[d, c]
-            moved += (here - (x1[d, MARGIN] - x0[d, MARGIN])) ** 2
-            if c + 1 < MARGIN + cable.n and branch[c + 1 - MARGIN] == own:
-                edge = x0[d, c + 1] - x0[d, c]
-                changed += (x1[d, c + 1] - x0[d, c + 1] - here) ** 2
-                length += edge * edge
-        way = max(way, moved)
-        turn = max(turn, changed / (length + TINY))
+    way, turn, strand = 0.0, 0.0, cable.mesh.strand
+    for k in range(len(strand)):
+        begin, end = MARGIN + strand[k, 0], MARGIN + strand[k, 1]
+        for c in range(begin, end):
+            moved = changed = length = 0.0
+            for d in range(cable.dim):
+                here = x1[d, c] - x0[d, c]
+                moved += (here - (x1[d, MARGIN] - x0[d, MARGIN])) ** 2
+                if c + 1 < end:
+                    edge = x0[d, c + 1] - x0[d, c]
+                    changed += (x1[d, c + 1] - x0[d, c + 1] - here) ** 2
+                    length += edge * edge
+            way = max(way, moved)
+            turn = max(turn, changed / (length + TINY))
     return np.sqrt(way), np.sqrt(turn)
 
 

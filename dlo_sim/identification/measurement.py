@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,20 +14,23 @@ from numpy.typing import NDArray
 from dlo_sim.core import rotations
 from dlo_sim.core.two_points import poses_of_two_points
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.nets import MAIN
 from dlo_sim.scene.refusal import Refusal
 from dlo_sim.session.gripper_path import Pose, SmoothedPoses
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 START_FRAMES = 2  # from which the simulation of a recording starts
 LEAST_FRAMES = START_FRAMES + 1
 DIFFERENCE = 4  # order of the differences of frames that are noise and no motion
 NORMAL_MEDIAN = 0.6745  # of |x|, x normal
 FARTHEST = 1e4  # [m] of a marker from the origin
+GRIP = "grip"  # name of a gripper between the ends
 # Direction of the cable in the frame of a gripper with two markers, and the orientation of that
 # frame where the cable leaves the start straight down and comes up to the end (y of the world).
 TANGENT = (-1.0, 0.0, 0.0)
 _HANGING = {
-    "start": ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)),
+    **dict.fromkeys(("start", GRIP), ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))),
     "end": ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
 }
 
@@ -42,12 +46,14 @@ class Measurement:
     Attributes:
         name: for people. times: of the frames [s], rising from 0, shape (F,).
         markers: on the free cable, from start to end [m], NaN where missing, shape (F, M, 3).
-        poses: end -> position [m] and quaternion x, y, z, w of its end effector, shape (F, 7).
-        shares: material coordinates of the markers as fractions of the length, shape (M,).
+        poses: holder -> position [m] and quaternion x, y, z, w of its end effector, shape (F, 7).
+        shares: material coordinates of the markers as fractions of the length of their strand,
+            shape (M,).
         known: scene key -> value that the data give.
         counted: number of markers on the grippers, which the mean of an error counts with none.
         forces: load of the cable on the end effectors [N], shape (F, 3); None where not measured.
             Such a recording starts from rest.
+        strands: name of the strand that each marker is on, M; by default the main cable.
 
     Raises:
         MeasurementError: too few frames, times that do not rise, or no marker to start from.
@@ -58,9 +64,10 @@ class Measurement:
     markers: Array
     poses: Mapping[str, Array]
     shares: Array
-    known: Mapping[str, object] = field(default_factory=dict)
+    known: Mapping[str, Any] = field(default_factory=dict)
     counted: int = 0
     forces: Array | None = None
+    strands: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         count = len(self.times)
@@ -118,9 +125,38 @@ class Measurement:
 
     def smoothed(self, scene: Scene) -> Measurement:
         """With the poses as `pose_smoothing` of the scene's ends has them."""
-        half = {end: round(1e9 * scene.ends[end].pose_smoothing) for end in self.poses}
+        half = {end: round(1e9 * scene.holders[end].pose_smoothing) for end in self.poses}
         paths = {end: _smoothed(self.times, path, half[end]) for end, path in self.poses.items()}
         return replace(self, poses=paths)
+
+    def rolled(self, angles: Mapping[str, float]) -> Measurement:
+        """With end effectors turned about the cable [rad]."""
+        paths = {
+            end: np.hstack([path[:, :3], rolled(path[:, 3:], angles.get(end, 0.0))])
+            for end, path in self.poses.items()
+        }
+        return replace(self, poses=paths)
+
+    def on(self, strand: str) -> Mask:
+        """Which markers are on a strand, shape (M,)."""
+        return np.array([one == strand for one in self.strands or [MAIN] * len(self.shares)], bool)
+
+    @property
+    def along(self) -> Array:
+        """Where each marker, or the branch that it is on, is on the main cable, 0 to 1, (M,)."""
+        at = self.shares.copy()
+        for strand in set(self.strands) - {MAIN}:
+            at[self.on(strand)] = self.known[f"branches.{strand}.at"]
+        return at
+
+    @property
+    def held_at(self) -> dict[str, float]:
+        """Where the end effectors hold the main cable, 0 to 1."""
+        places = {"start": 0.0, "end": 1.0}
+        return {
+            end: places[end] if end in places else self.known[f"grasps.{end}.at"]
+            for end in self.poses
+        }
 
     @property
     def duration(self) -> float:
@@ -136,6 +172,12 @@ def _smoothed(times: Array, path: Array, half_window_ns: int) -> Array:
     waiting.settle()
     smoothed = [waiting.take() for _ in times]
     return np.array([(*pose.position, *pose.orientation) for pose in smoothed])
+
+
+def rolled(orientations: Array, angle: float) -> Array:
+    """Quaternions (F, 4) of grippers, turned about the cable [rad]."""
+    turn = rotations.from_rotation_vector(angle * np.array(TANGENT))
+    return rotations.multiply(orientations, np.tile(turn, (len(orientations), 1)))
 
 
 def checked_points(name: str, points: Array) -> Array:
@@ -187,14 +229,15 @@ def shares_along(points: Array) -> tuple[float, Array]:
 
 
 def clamped_at(ends: Mapping[str, Array]) -> dict[str, object]:
-    """Scene values of ends that are clamped at the first of their poses."""
+    """Scene values of holders that clamp the cable at the first of their poses."""
     values: dict[str, object] = {}
     for end, poses in ends.items():
+        key = f"grasps.{end}" if end == GRIP else end
         values |= {
-            f"{end}.fixed": [True, True, True],
-            f"{end}.clamped": True,
-            f"{end}.tangent": list(TANGENT),
-            f"{end}.position": poses[0, :3].tolist(),
-            f"{end}.offset": [0.0, 0.0, 0.0],
+            f"{key}.fixed": [True, True, True],
+            f"{key}.clamped": True,
+            f"{key}.tangent": list(TANGENT),
+            f"{key}.position": poses[0, :3].tolist(),
+            f"{key}.offset": [0.0, 0.0, 0.0],
         }
     return values

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from dlo_sim.batch.workers import Workers
 from dlo_sim.core import bspline, mass
-from dlo_sim.identification.measurement import START_FRAMES, Measurement
+from dlo_sim.identification.measurement import START_FRAMES, Measurement, rolled
 from dlo_sim.replay.comparison import AxisComparison, compare_reaction
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.nets import MAIN
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.arrays import without_margins
 from dlo_sim.simulation.error_estimate import POINTS, error_along
@@ -23,6 +24,7 @@ from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
 SLOW = 0.5  # [s], error that lasts longer is slow
+ROLLS = 2  # of grippers, to be without twist to 0.01 rad
 STEP = 0.01  # [s], where the scene chooses; half of it moves 12 markers by 0.1 mm
 # Default settings for the simulation of recordings; the start comes from the markers.
 COMPUTATION: dict[str, object] = {
@@ -69,10 +71,9 @@ def predict(scene: Scene, recording: Measurement, sensor: Sensor | None = None) 
     if recording.forces is not None:
         scene = scene.with_values({"initial.shape": "equilibrium"})
     simulator = Simulator(scene, recording.ends_at(0))
-    u = recording.shares * scene.cable.length
     samples = times[1:]
     if recording.forces is None:
-        begin(simulator, recording, u, slice(START_FRAMES))
+        recording = begin(simulator, recording, slice(START_FRAMES))
     else:
         steps = np.arange(1, int(times[-1] / simulator.step + 1e-9) + 1)
         samples = np.minimum(steps * simulator.step, times[-1])
@@ -82,7 +83,7 @@ def predict(scene: Scene, recording: Measurement, sensor: Sensor | None = None) 
     path = np.concatenate([first, points[:, :, :3]])
     kept = np.repeat(path[-1:], len(samples) + 1 - len(path), axis=0)
     path = np.concatenate([path, kept])
-    basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
+    basis = marker_basis(simulator, recording)
     forces = np.zeros((len(times), 0))
     if recording.forces is not None:
         grid = np.concatenate([[0.0], samples])
@@ -163,15 +164,59 @@ def _predict(item: tuple[Scene, Measurement, Sensor | None]) -> Prediction:
     return predict(*item)
 
 
-def begin(simulator: Simulator, recording: Measurement, u: Array, frames: slice) -> None:
-    """Start from the markers and the end effectors in these frames."""
-    ends = {"start": 0.0, "end": simulator.scene.cable.length}
-    held = {at: recording.poses[end] for end, at in ends.items() if end in recording.poses}
-    points = [recording.markers[frames], *(path[frames, None, :3] for path in held.values())]
-    coordinates = np.concatenate([u, list(held)])
-    order = np.argsort(coordinates, kind="stable")
-    chain = np.concatenate(points, axis=1)[:, order]
-    simulator.start_from_points(chain, recording.times[frames], coordinates[order])
+def marker_basis(simulator: Simulator, recording: Measurement) -> Array:
+    """Values of the basis at the markers, shape (M, n): times control points, their places."""
+    basis = np.zeros((len(recording.shares), simulator.model.n))
+    for part in simulator.model.parts:
+        here, own = recording.on(part.name), np.eye(part.model.n)
+        u = recording.shares[here] * part.length
+        basis[here, part.here] = bspline.evaluate(own, part.model.knots, u)
+    return basis
+
+
+def begin(simulator: Simulator, recording: Measurement, frames: slice) -> Measurement:
+    """Start from the markers and the end effectors in these frames. Returns the recording with end
+    effectors that are rolled so that branches leave the main cable as their markers say: the roll
+    of those of a harness is not measured.
+    """
+    _begin(simulator, recording, frames)
+    main = simulator.model.parts[0]
+    at = [join.at for join in simulator.model.joins if join.other == MAIN and join.u == 0.0]
+    if not at:
+        return recording
+    names = [*simulator.scene.holders]
+    where = {"start": 0.0, **recording.held_at}
+    # Between the outermost branches and the ends there is no twist then.
+    places = np.clip(np.array([*where.values()]) * main.length, min(at), max(at))
+    for _ in range(ROLLS):
+        held = simulator.cable.held_twists(0.0)
+        twist = bspline.evaluate(simulator.control_points[main.here, 3:], main.model.knots, places)
+        angles = {
+            end: angle - (float(held[names.index(end)]) if end in recording.poses else 0.0)
+            for end, angle in zip(where, twist[:, 0].tolist(), strict=True)
+        }
+        for end, angle in angles.items():
+            turned = rolled(simulator.end_pose(end)[1][None], angle)[0]
+            simulator.set_end(end, orientation=turned)
+        recording = recording.rolled(angles)
+        _begin(simulator, recording, frames)
+    return recording
+
+
+def _begin(simulator: Simulator, recording: Measurement, frames: slice) -> None:
+    points: dict[str, Array] = {}
+    coordinates: dict[str, Array] = {}
+    for part in simulator.model.parts:
+        here = recording.on(part.name)
+        points[part.name] = recording.markers[frames, here]
+        coordinates[part.name] = recording.shares[here] * part.length
+    held = [path[frames, None, :3] for path in recording.poses.values()]
+    at = np.array([*recording.held_at.values()]) * simulator.scene.cable.length
+    u = np.concatenate([coordinates[MAIN], at])
+    order = np.argsort(u, kind="stable")
+    points[MAIN] = np.concatenate([points[MAIN], *held], axis=1)[:, order]
+    coordinates[MAIN] = u[order]
+    simulator.start_from_points(points, recording.times[frames], coordinates)
 
 
 @dataclass(frozen=True)

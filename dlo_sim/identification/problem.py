@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.batch.workers import Workers
+from dlo_sim.core import rotations
 from dlo_sim.identification.measurement import START_FRAMES, Measurement
 from dlo_sim.identification.prediction import Sensor, predict
 from dlo_sim.scene.description import Scene, scene_values
@@ -21,6 +22,8 @@ MARKER, FORCE = 0.02, 0.3  # [m], [N], errors beyond which a measurement counts 
 MARKER_NOISE, FORCE_NOISE = 0.1, 0.3  # of these
 YIELD, HARDENING = "plasticity.yield_curvature", "plasticity.hardening"
 ELASTIC = 0.99  # hardening of a cable that is practically elastic
+STIFFER = 20.0  # branches than the main cable, to begin with
+ACROSS = 1  # component of a direction out of the plane in which branches are drawn
 DELAY, OFFSET = "sensor.delay", "sensor.offset"
 
 
@@ -69,6 +72,7 @@ class Unknown:
 def unknowns_of(scene: Scene, recording: Measurement) -> tuple[Unknown, ...]:
     """All that can be fitted to a scene from markers, or from forces."""
     length, mu, markers = scene.cable.length, scene.cable.mu, recording.forces is None
+    single = not scene.branches
     twisting = int(markers)  # with the natural curvature, by which twist moves markers
     material = (
         Unknown("cable.bending_stiffness", 1.0, 6.0, log=True, least=1e-4 * mu),
@@ -94,13 +98,33 @@ def unknowns_of(scene: Scene, recording: Measurement) -> tuple[Unknown, ...]:
         ),
         *(
             Unknown(
-                "cable.rest_curvature_2", 2.0 / length, 20.0 / length, at=k, stage=2, extra=True
+                "cable.rest_curvature_2", 2.0 / length, 20.0 / length, at=k, stage=2, extra=single
             )
             for k in range(POINTS)
         ),
         *(Unknown("cable.rest_curvature_axis", 0.5, 1.0, at=k, stage=2) for k in (0, 2)),
-        *(Unknown(f"{end}.offset", 0.005, 0.03, at=0, stage=2) for end in ("start", "end")),
+        *(
+            Unknown(f"{end}.offset", 0.005, 0.03, at=0, stage=2)
+            for end, holder in scene.ends.items()
+            if single or holder.held
+        ),
+        *_of_branches(scene),
     )
+
+
+def _of_branches(scene: Scene) -> Iterator[Unknown]:
+    """What is fitted of branches. Where all lie around the main cable follows from the first frames
+    and from the curvature of that, so that the first one stays where it is drawn.
+    """
+    for number, branch in enumerate(scene.branches):
+        key, mu = f"branches.{branch.name}", branch.cable.mu
+        yield Unknown(f"{key}.cable.linear_density", 0.3, 2.0, log=True, least=1e-3 * mu, stage=1)
+        yield Unknown(
+            f"{key}.cable.bending_stiffness", 1.0, 3.0, log=True, least=1e-4 * mu, stage=2
+        )
+        for k in range(3):
+            if k != ACROSS or number:
+                yield Unknown(f"{key}.direction", 0.2, 1.0, at=k, stage=1)
 
 
 def plastic(scene: Scene) -> Scene:
@@ -111,8 +135,21 @@ def plastic(scene: Scene) -> Scene:
 
 
 def prepared(scene: Scene) -> Scene:
-    """The scene with its derived values as numbers and its curvature as a list, to be changed."""
+    """The scene with its derived values as numbers and its curvature as a list, to be changed.
+
+    Branches as soft as the main cable become stiffer: those of recorded harnesses hardly bend.
+    """
     cable, at = scene.cable, np.linspace(0.0, 1.0, POINTS)
+    branches: dict[str, object] = {}
+    for branch in scene.branches:
+        key, own = f"branches.{branch.name}.cable", branch.cable
+        stiffer = STIFFER if own.EI == cable.EI else 1.0
+        branches |= {
+            f"{key}.bending_stiffness": stiffer * own.EI,
+            f"{key}.torsional_stiffness": stiffer * own.GJ,
+            f"{key}.linear_density": own.mu,
+            f"{key}.axial_stiffness": own.EA,
+        }
     first, second = (
         np.interp(at, np.linspace(0.0, 1.0, len(values)), values).tolist()
         for values in (cable.rest_curvature, cable.rest_curvature_2)
@@ -125,6 +162,7 @@ def prepared(scene: Scene) -> Scene:
             "cable.axial_stiffness": cable.EA,
             "cable.rest_curvature": first,
             "cable.rest_curvature_2": second,
+            **branches,
         }
     )
 
@@ -190,9 +228,15 @@ class Problem:
             else:
                 row = changed.setdefault(unknown.key, list(present[unknown.key]))
                 row[unknown.at] = unknown.value(number)
-        axis = changed.get("cable.rest_curvature_axis")
-        if axis is not None:
-            changed["cable.rest_curvature_axis"] = (np.array(axis) / np.linalg.norm(axis)).tolist()
+        for key in [key for key in changed if key.endswith(("_axis", ".direction"))]:
+            changed[key] = (np.array(changed[key]) / np.linalg.norm(changed[key])).tolist()
+        for branch in self.scene.branches:
+            # The natural shape turns with the direction.
+            direction = changed.get(f"branches.{branch.name}.direction")
+            if direction is not None:
+                swing = rotations.minimal_rotation(branch.direction, direction)
+                axis = rotations.rotate(swing, np.array(branch.cable.rest_curvature_axis))
+                changed[f"branches.{branch.name}.cable.rest_curvature_axis"] = axis.tolist()
         return changed
 
 

@@ -34,7 +34,6 @@ from dlo_sim.engine.band import (
     add_line,
     border_columns,
     clear_held,
-    close_border,
     eliminate,
     ground_border,
     hold,
@@ -68,6 +67,7 @@ MAX_ITERATIONS = 12
 CONVERGED, EXACT = 1e-4, 1e-12  # last correction: share of that of the step, or of the length
 # The same with twist: frames are known to a few per cent where a span bends sharply.
 LOOSE, NEAR = 1e-2, 1e-10
+SYMMETRIC = YES
 SPIN = 0.16  # of the length: radius of gyration of the twist in pseudo-time
 
 
@@ -163,6 +163,7 @@ def correct(address, pseudo, guide, begun, length, predicted, twist, rolls):
         add_line(cable, cable.dim, cable.linear.mass[0], spin(length, pseudo), band)
     if rolls:
         keep_columns(cable)
+    roll.tangent(cable, cable.state.x, 1.0, SYMMETRIC, band)
     hold(cable, directions, directions, band)
     roll.set_rolls(cable, cable.state.x, cable.state.x, twist)
     set_border(cable, directions, directions)
@@ -205,9 +206,9 @@ def solve_lines(cable, push, closes, out):
     turn_vector(cable, directions, YES, z, PADDING)
     clear_held(cable, z, PADDING)
     substitute(cable.work.band, cable.n * cable.lines, cable.lines, z)
-    keep_border(cable, z)
+    keep_border(cable, closes, z)
     if closes:
-        close_border(cable, z)
+        roll.predict(cable, 0.0)
     turn_vector(cable, directions, NO, z, PADDING)
     clear(out)
     to_lines(cable, z, PADDING, out)

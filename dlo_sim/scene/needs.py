@@ -216,6 +216,9 @@ def _no_net(scene: Scene, needs: Needs) -> Iterator[tuple[str, object, str]]:
     for one in scene.grasps:
         if one.slides:
             yield f"grasps.{one.name}.slides", True, f"{none}; set it to false"
+    if scene.passes_roll and scene.terms.twist == "quasistatic":
+        why = "is not available where a body turns with the cables; set it to bishop"
+        yield "terms.twist", "quasistatic", why
     implicit = scene.integrator.method in IMPLICIT_METHODS  # others are refused by themselves
     if scene.passes_roll and "bishop" not in needs and implicit:
         why = "takes no roll from one cable to another, as rigid and elastic joints and connectors"

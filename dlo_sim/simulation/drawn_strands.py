@@ -174,9 +174,7 @@ def with_bodies(model: Model, points: Array, orientation: Array) -> Array:
     out, frames = points.copy(), frames_of(model, points, orientation)
     for body in model.bodies:
         part = next(one for one in model.parts if one.name == body.strand)
-        frame = frames[part.name]
-        for u in np.linspace(0.0, body.u, PLACES):
-            frame = _swung(frame, _tangent(part, points, u))
+        frame = _carried(frames[part.name], part, points, 0.0, body.u)
         directors = frame @ part.drawn.T @ body.frame
         place = bspline.evaluate(points[part.here], part.model.knots, [body.u])[0]
         out[body.points] = place
@@ -184,9 +182,46 @@ def with_bodies(model: Model, points: Array, orientation: Array) -> Array:
     return out
 
 
+def twists_of(model: Model, points: Array, orientation: Array, held: Array) -> Array:
+    """Twist angles [rad] of control points (n, 3) at which the branches leave as they do, linear
+    between them and the clamps, shape (n,).
+
+    Args:
+        orientation: of the end effector at the start. held: by what holds it (`held_twists`).
+    """
+    out, frames = np.zeros(model.n), frames_of(model, points, orientation)
+    parts = {part.name: part for part in model.parts}
+    for part in model.parts:
+        clamped = [end.clamped for end in part.model.scene.ends.values()]
+        known = {0.0: float(held[part.grasp]) if clamped[0] else 0.0}
+        frame, u, begin = frames[part.name], 0.0, known[0.0]
+        for join in sorted(model.joins, key=lambda one: one.at):
+            if join.other != part.name or join.u or join.in_line or not join.rigid:
+                continue
+            frame = _carried(frame, part, points, u, join.at)
+            branch, u = parts[join.strand], join.at
+            wanted = (frames[join.strand] @ branch.drawn.T @ part.drawn)[:, 1]
+            angle = begin + math.atan2((frame[:, 2] * wanted).sum(), (frame[:, 1] * wanted).sum())
+            before = [*known.values()][-1]
+            known[u] = angle - 2.0 * math.pi * round((angle - before) / (2.0 * math.pi))
+        if clamped[1]:
+            known[part.length] = float(held[part.grasp + 1])
+        greville = bspline.greville(part.model.knots)
+        out[part.here] = np.interp(greville, [*known], [*known.values()])
+    return out
+
+
 def _tangent(part: Part, points: Array, u: float) -> Array:
     slope = bspline.evaluate(points[part.here], part.model.knots, [u], 1)[0]
     return np.asarray(slope / math.hypot(*slope))
+
+
+def _carried(frame: Array, part: Part, points: Array, begin: float, end: float) -> Array:
+    """A frame carried along a strand."""
+    places = np.linspace(begin, end, PLACES if end > begin else 1)
+    for slope in bspline.evaluate(points[part.here], part.model.knots, places, 1):
+        frame = _swung(frame, slope / math.hypot(*slope))
+    return frame
 
 
 def _swung(frame: Array, tangent: Array) -> Array:

@@ -73,6 +73,7 @@ RADIUS = {False: 6.0, True: 12.0}
 REACH = 2.8  # lambda over which the density of knots decays; by the errors of ten cables
 MOST_FOR_EDGES = 60  # control points, as most cables lie on flat sides
 FEWEST, MOST = 9, 250  # control points that are chosen; with 250, steps still keep up
+LEAST_STRETCHED_BY_SPAN = 5  # control points, of the strands of a net
 SHARP, TOO_LONG = 0.8, 1.25  # [rad] and spans wanted, above which `shortfalls` reports a bend
 MOST_CONTROL_POINTS = next(
     int(row.high or 0) for row in PARAMETERS if row.key == "discretization.control_points"
@@ -122,12 +123,17 @@ def resolved(scene: Scene) -> tuple[Scene, str]:
 def _resolved_net(scene: Scene) -> tuple[Scene, str]:
     """`resolved` of a net: each strand as if it were alone, with equal spans."""
     values: dict[str, object] = {"discretization.knots": "uniform"}
-    reasons = []
+    reasons, fewest = [], MOST
     for strand in scene.strands:
         alone, reason = resolved(strand.scene)
         reasons.append(f"{strand.name}: {reason}")
         key = strand.key_of("discretization.control_points")
         values[key] = alone.discretization.control_points
+        fewest = min(fewest, alone.discretization.control_points)
+    choice = scene.discretization
+    if choice.stretch == "auto":  # the same for all strands
+        by_span = choice.quadrature == "gauss" and fewest >= LEAST_STRETCHED_BY_SPAN
+        values["discretization.stretch"] = "span" if by_span else "sample"
     return scene.with_values(values), "; ".join(reasons)
 
 

@@ -26,7 +26,7 @@ from dlo_sim.simulation import following, obstacles, remarks, self_contact
 from dlo_sim.simulation.bodies import write
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.curve import Curve
-from dlo_sim.simulation.drawn_strands import held_geometries
+from dlo_sim.simulation.drawn_strands import held_geometries, twists_of
 from dlo_sim.simulation.ends import NEAR, apart
 from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, checked_times, shape_times
 from dlo_sim.simulation.frequency import largest_frequency
@@ -622,6 +622,9 @@ class Simulator(Running):
         self.check_may_stretch("start_from_points")
         place, rates = cable_through(self.ends, self.model, points, times, coordinates)
         twist = self.control_points[:, 3:]
+        if self.model.joins:
+            held = self.cable.held_twists(0.0)
+            twist = twists_of(self.model, place, self.ends.orientation("start", 0.0), held)[:, None]
         self.begin(np.hstack([place, twist]), np.hstack([rates, np.zeros_like(twist)]))
 
     def reconfigured(self, scene: Scene) -> Simulator:

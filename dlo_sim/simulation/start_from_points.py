@@ -14,20 +14,23 @@ for 1e-9 to 1e-5). LENGTH keeps a stiff cable from starting under tension.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import arguments, bspline, quadrature
+from dlo_sim.core import arguments, bspline, quadrature, rotations
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.drawn_strands import with_bodies
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.model import MAIN, Model, Part
+from dlo_sim.simulation.net import smooth_places
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 BEND, LENGTH = 1e-7, 1e2
+BEND_OF_BRANCH = 1e-4  # against its unloaded shape, since it may have few points
+PIECES = 30  # of an unloaded shape
 EVEN = 0.07  # local strain beyond that of the span: half of where the span guard acts
 SAMPLES = 3  # quadrature points of a knot span
 STEPS, HALVINGS = 25, 6  # most Gauss-Newton steps, and halvings of one
@@ -52,8 +55,11 @@ class _Spline:
         length: rest length [m].
     """
 
-    def __init__(self, held: tuple[Array, Array], knots: Array) -> None:
-        self.knots, self.length = knots, float(knots[-1])
+    def __init__(
+        self, held: tuple[Array, Array], knots: Array, unloaded: Array | None = None
+    ) -> None:
+        self.knots, self.length, self._unloaded = knots, float(knots[-1]), unloaded
+        self._bend = BEND if unloaded is None else BEND_OF_BRANCH
         breaks = bspline.breaks(knots)
         rule = quadrature.gauss(breaks, SAMPLES)
         u = rule.places(breaks).ravel()
@@ -64,15 +70,17 @@ class _Spline:
         self.held = (np.linalg.pinv(rows) @ places).reshape(-1, 3)
         self.free = np.linalg.svd(rows)[2][np.linalg.matrix_rank(rows) :].T
 
-    def fitting(self, u: Array, values: Array) -> tuple[Array, Array]:
+    def fitting(self, u: Array, values: Array, still: bool = False) -> tuple[Array, Array]:
         """Rows on the control points of the terms of points and bending, shape
-        (3 m + 3 samples, 3 n), and their target values.
+        (3 m + 3 samples, 3 n), and their target values. `still`: of velocities.
         """
-        bend = np.sqrt(BEND * self.length**3 * self._weights)[:, None] * self._bends
+        bend = np.sqrt(self._bend * self.length**3 * self._weights)[:, None] * self._bends
         basis = bspline.evaluate(np.eye(len(self.held)), self.knots, u)
         rows = np.kron(np.vstack([basis / np.sqrt(len(u)), bend]), np.eye(3))
         wanted = np.zeros(len(rows))
         wanted[: values.size] = values.ravel() / np.sqrt(len(u))
+        if self._unloaded is not None and not still:
+            wanted[values.size :] = (bend @ self._unloaded).ravel()
         return rows, wanted
 
     def length_errors(self, points: Array) -> tuple[Array, Array]:
@@ -81,7 +89,8 @@ class _Spline:
         """
         slope = self._slopes @ points
         weights = self._weights.reshape(-1, SAMPLES)
-        shares = weights / weights.sum(1, keepdims=True)
+        spans = weights.sum(1, keepdims=True)
+        shares = weights / np.where(spans > 0.0, spans, 1.0)  # void where knots coincide
         rows = (self._slopes[:, :, None] * slope[:, None, :]).reshape(*shares.shape, -1)
         strain = 0.5 * (np.sum(slope**2, axis=1) - 1.0).reshape(shares.shape)
         mean, of_mean = np.sum(shares * strain, axis=1), np.einsum("sk,skj->sj", shares, rows)
@@ -125,21 +134,23 @@ class _Spline:
 
     def moving(self, u: Array, velocities: Array, curve: Array) -> Array:
         """Velocities of the control points that fit those of points and keep the length."""
-        rows, values = self.fitting(u, velocities)
+        rows, values = self.fitting(u, velocities, still=True)
         derivative = self.length_errors(curve)[1][: len(self._weights) // SAMPLES]
         left = np.vstack([rows, derivative])
         right = np.concatenate([values, np.zeros(len(derivative))])
         return np.asarray(np.linalg.lstsq(left, right, rcond=None)[0].reshape(curve.shape))
 
 
-def _held_rows(ends: EndDrive, model: Model, part: Part, root: Array | None) -> tuple[Array, Array]:
+def _held_rows(
+    ends: EndDrive, model: Model, part: Part, known: Sequence[tuple[float, int, Array]]
+) -> tuple[Array, Array]:
     """Constraint rows on the control points of a strand, shape (rows, 3 n), and their target
     values.
 
     Positions along fixed axes; for a clamp the components of r' normal to its tangent.
 
     Args:
-        root: where it begins at another one [m].
+        known: of joints: material coordinate, order of the derivative, and its value.
     """
     n, knots, names = part.model.n, part.model.knots, list(model.scene.holders)
     rows, places = [np.zeros(3 * n)], [0.0]
@@ -156,9 +167,13 @@ def _held_rows(ends: EndDrive, model: Model, part: Part, root: Array | None) -> 
             across = np.linalg.svd(ends.tangent(name, 0.0)[None])[2][1:]
             rows += [np.kron(slope, axis) for axis in across]
             places += [0.0, 0.0]
-    if root is not None:
-        rows += [np.kron(np.eye(n)[0], axis) for axis in np.eye(3)]
-        places += root.tolist()
+    for point in smooth_places(part):
+        rows += [np.kron(point.values(model.n)[part.here], axis) for axis in np.eye(3)]
+        places += [0.0] * 3
+    for at, order, wanted in known:
+        value = bspline.evaluate(np.eye(n), knots, np.array([at]), order)[0]
+        rows += [np.kron(value, axis) for axis in np.eye(3)]
+        places += wanted.tolist()
     return np.array(rows), np.array(places)
 
 
@@ -174,21 +189,38 @@ def cable_through(
     """
     names = {part.name for part in model.parts}
     by_strand = points if isinstance(points, Mapping) else {MAIN: points}
-    known = coordinates if isinstance(coordinates, Mapping) else {MAIN: coordinates}
-    if set(by_strand) != names or not set(known) <= names:
+    own = coordinates if isinstance(coordinates, Mapping) else {MAIN: coordinates}
+    if set(by_strand) != names or not set(own) <= names:
         cure = f"give points of each cable, {{'{MAIN}': (M, 3), ...}}"
         raise ValueError(f"points: of {sorted(by_strand)}, for {sorted(names)}; {cure}")
     curve, rates = np.zeros((model.n, 3)), np.zeros((model.n, 3))
     for part in model.parts:
         frames, stamps = _frames(by_strand[part.name], times)
-        root = None
+        given = frames - model.origin, stamps, own.get(part.name)
+        known: list[tuple[float, int, Array]] = []
+        joints: list[float] = []
+        unloaded: Array | None = None
         for join in model.joins:
             if (join.strand, join.u) == (part.name, 0.0):
                 other = next(one for one in model.parts if one.name == join.other)
-                root = bspline.evaluate(curve[other.here], other.model.knots, [join.at])[0]
-        spline = _Spline(_held_rows(ends, model, part, root), part.model.knots)
-        given = frames - model.origin, stamps, known.get(part.name)
-        curve[part.here], rates[part.here] = _fitted(spline, part.model.scene, *given)
+                place, tangent = (
+                    bspline.evaluate(curve[other.here], other.model.knots, [join.at], order)[0]
+                    for order in (0, 1)
+                )
+                known.append((0.0, 0, place))
+                if join.rigid:
+                    turn = _turn_of_branch(part, other, tangent, given[0][0] - place)
+                    unloaded = place + _unloaded(part) @ turn.T
+                    known.append((0.0, 1, turn @ part.drawn[:, 0]))
+            elif join.rigid and join.other == part.name:
+                joints.append(join.at)
+        for _ in range(1 + bool(joints)):
+            spline = _Spline(_held_rows(ends, model, part, known), part.model.knots, unloaded)
+            curve[part.here], rates[part.here] = _fitted(spline, part.model.scene, *given)
+            # A body there has directors of unit length.
+            slopes = bspline.evaluate(curve[part.here], part.model.knots, np.array(joints), 1)
+            slopes /= np.linalg.norm(slopes, axis=1, keepdims=True)
+            known += [(at, 1, slope) for at, slope in zip(joints, slopes, strict=True)]
         across = [axis for axis in range(3) if axis not in model.axes]
         plane = model.rest[across]
         if not np.any(np.abs(given[0][..., across] - plane) > IN_PLANE * spline.length):
@@ -199,6 +231,48 @@ def cable_through(
     turned, later = ends.orientation("start", 0.0), curve + SHORT * rates
     bodies, moved = (with_bodies(model, one, turned) for one in (curve, later))
     return bodies, (moved - bodies) / SHORT
+
+
+def _unloaded(part: Part) -> Array:
+    """Control points of the unloaded shape of a strand from the origin, in the frame in which it is
+    drawn, shape (n, 3).
+    """
+    cable, knots = part.model.scene.cable, part.model.knots
+    middles = (np.arange(PIECES) + 0.5) / PIECES
+    turns = [
+        np.interp(middles, np.linspace(0.0, 1.0, len(one)), one) for one in cable.natural_shape
+    ]
+    first, second, twist = (part.length / PIECES * np.array(one) for one in turns)
+    x = part.drawn[:, 0]
+    axis = np.array(cable.rest_curvature_axis)
+    axis = axis - (axis * x).sum() * x
+    axis = axis / np.linalg.norm(axis) if cable.shaped else part.drawn[:, 1]
+    frame, places = np.stack([x, axis, np.cross(x, axis)], axis=1), [np.zeros(3)]
+    for turn in np.stack([twist, first, second], axis=1):
+        half = rotations.to_matrix(rotations.from_rotation_vector(0.5 * turn))
+        places.append(places[-1] + part.length / PIECES * (frame @ half)[:, 0])
+        frame = frame @ half @ half
+    grid = np.linspace(0.0, part.length, PIECES + 1)
+    greville = bspline.greville(knots)
+    line = [np.interp(greville, grid, column) for column in np.array(places).T]
+    return bspline.interpolate(knots, np.stack(line, axis=1))
+
+
+def _turn_of_branch(part: Part, other: Part, tangent: Array, arms: Array) -> Array:
+    """Rotation matrix of a branch from where it is drawn: its angle to the tangent [of what it
+    begins at] stays, and about that its unloaded shape turns towards its points.
+
+    Args:
+        arms: from where it begins to the points [m], shape (M, 3), NaN where missing.
+    """
+    swing = rotations.to_matrix(rotations.minimal_rotation(other.drawn[:, 0], tangent))
+    unloaded = _unloaded(part).mean(axis=0) @ swing.T
+    along = tangent / np.linalg.norm(tangent)
+    towards = np.nanmean(arms, axis=0)
+    sine = (np.cross(unloaded, towards) * along).sum()
+    cosine = (unloaded * towards).sum() - (unloaded * along).sum() * (towards * along).sum()
+    roll = rotations.from_rotation_vector(np.arctan2(sine, cosine) * along)
+    return np.asarray(rotations.to_matrix(roll) @ swing)
 
 
 def _fitted(
@@ -340,7 +414,7 @@ def _to_prediction(spline: _Spline, u: Array, values: Array, still: bool) -> Arr
     Omitting a point from a linear fit changes its distance d to d / (1 - h), where h is the
     influence of the point on its own fit.
     """
-    rows, right = spline.fitting(u, values)
+    rows, right = spline.fitting(u, values, still)
     free = np.eye(spline.held.size) if still else spline.free
     if not still:
         right -= rows @ spline.held.ravel()

@@ -13,12 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import bspline
 from dlo_sim.identification.measurement import START_FRAMES, Measurement
-from dlo_sim.identification.prediction import Score, begin, interpolated, mean_score, predict, score
+from dlo_sim.identification.prediction import (
+    Score,
+    begin,
+    interpolated,
+    marker_basis,
+    mean_score,
+    predict,
+    score,
+)
 from dlo_sim.identification.readers import read_recordings
 from dlo_sim.scene.description import Measured, Scene
 from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
+from dlo_sim.scene.nets import MAIN
 from dlo_sim.session.diagnostics import Journal
 from dlo_sim.session.observer import Observer
 from dlo_sim.simulation.simulator import Simulator
@@ -39,7 +47,7 @@ coordinates, divided by the number of all frames; markers on the grippers count 
 prediction starts from frames 0 and 1 and then uses only the poses of the grippers. Bias is the mean
 over time of each piece; slow is the part slower than 0.5 s, fast the rest. First shape: held
 constant. Moved: the first shape moved with the grippers, blended along the cable. At rest: the
-scene's static equilibrium at the poses of the grippers. Corrected: the prediction, corrected at
+scene's static equilibrium at the poses of the grippers. Corrected, of cables without branches: at
 30 Hz by markers seen with a probability of 30 %, without identity and with 5 mm of noise in each
 coordinate. Spline: a smooth cable of constant length fitted to the markers of each frame; its
 distance is a noise floor for all predictions. Time: from poses to markers, on one core, once the
@@ -73,9 +81,9 @@ def run_study(request: Request) -> Outcome:
     folder = request.data
     if folder is None:
         raise SceneError("study validation: needs --data DIR with recordings (DLO1_calib.npz, ...)")
-    files = sorted(folder.rglob("DLO*.npz"))
+    files = sorted(folder.rglob("*DLO*.npz"))
     if not files:
-        raise SceneError(f"--data {folder}: holds no DLO*.npz; give the folder of the recordings")
+        raise SceneError(f"--data {folder}: holds no *DLO*.npz; give the folder of the recordings")
     report = Report(request, "Recorded cables", {})
     report.text(EXPLANATION)
     verdicts: dict[str, str] = {}
@@ -118,7 +126,7 @@ def scene_for(name: str, folder: Path) -> Scene:
 
 
 def _predicted(path: Path, folder: Path, most: int) -> Cable:
-    name = path.stem.partition("_")[0]
+    name = path.stem.removesuffix("_calib")
     scene = scene_for(name, folder)
     pieces = tuple(read_recordings(path)[:most])
     predict(scene, pieces[0])  # compiles
@@ -137,8 +145,9 @@ def _rows(cable: Cable, request: Request) -> list[list[Any]]:
         "first shape": [held(piece) for piece in cable.pieces],
         "moved": [moved(piece) for piece in cable.pieces],
         "at rest": list(request.workers.map(resting, items)),
-        "corrected": list(request.workers.map(corrected, items)),
     }
+    if not cable.scene.is_net:
+        others["corrected"] = list(request.workers.map(corrected, items))
     rows = [_row(cable.name, "prediction", cable.scores, cable.seconds)]
     for what, predicted in others.items():
         scores = [score(*both) for both in zip(cable.pieces, predicted, strict=True)]
@@ -166,7 +175,8 @@ def _charts(report: Report, cable: Cable) -> None:
         distance = np.nanmean(np.linalg.norm(predicted - piece.markers, axis=-1), axis=1)
         errors += [(title, *at) for at in zip(piece.times, distance, strict=True)]
         grippers = [path[:, None, :3] for path in piece.poses.values()]
-        whole = np.concatenate([grippers[0], predicted, *grippers[1:]], axis=1)
+        main = predicted[:, piece.on(MAIN)]
+        whole = np.concatenate([grippers[0], main, *grippers[1:]], axis=1)
         for at in SHOWN:
             frame = int(np.argmin(np.abs(piece.times - at)))
             shapes += [(title, f"predicted, {at:g} s", x, z) for x, _, z in whole[frame]]
@@ -188,11 +198,11 @@ def held(recording: Measurement) -> Array:
 
 def moved(recording: Measurement) -> Array:
     """The first shape moved with the grippers, blended along the cable, (F, M, 3)."""
-    shift = {end: path[:, :3] - path[0, :3] for end, path in recording.poses.items()}
-    start, end = shift["start"], shift.get("end", shift["start"])
-    share = recording.shares[None, :, None]
-    blended = (1.0 - share) * start[:, None] + share * end[:, None]
-    return np.asarray(recording.markers[:1] + blended)
+    shifts = np.stack([path[:, :3] - path[0, :3] for path in recording.poses.values()])
+    at = np.array([*recording.held_at.values()])
+    order = np.argsort(at)
+    blend = [np.interp(recording.along, at[order], row) for row in np.eye(len(at))]
+    return np.asarray(recording.markers[:1] + np.einsum("hm,hfc->fmc", blend, shifts[order]))
 
 
 def resting(item: tuple[Scene, Measurement]) -> Array:
@@ -210,7 +220,7 @@ def resting(item: tuple[Scene, Measurement]) -> Array:
         except SceneError:  # no equilibrium found: repeat the previous one
             shapes.append(shapes[-1] if shapes else recording.markers[frame])
         else:
-            shapes.append(simulator.centerline(recording.shares * scene.cable.length))
+            shapes.append(marker_basis(simulator, recording) @ simulator.control_points[:, :3])
     return interpolated(recording.times, recording.times[frames], np.array(shapes))
 
 
@@ -219,14 +229,13 @@ def spline_distance(item: tuple[Scene, Measurement]) -> float:
     noise, slip and the resolution of the spline.
     """
     scene, recording = item
-    still = {f"{end}.offset": [0.0, 0.0, 0.0] for end in recording.poses}
+    still = {f"{end}.offset": [0.0, 0.0, 0.0] for end in scene.ends}
     scene = scene.with_values({**still, "cable.length": recording.known["cable.length"]})
-    u = recording.shares * scene.cable.length
     apart = []
     for frame in _frames(recording):
         simulator = Simulator(scene, recording.ends_at(frame))
-        begin(simulator, recording, u, slice(frame, frame + 1))
-        curve = bspline.evaluate(simulator.control_points[:, :3], simulator.model.knots, u)
+        begin(simulator, recording, slice(frame, frame + 1))
+        curve = marker_basis(simulator, recording) @ simulator.control_points[:, :3]
         apart.append(np.linalg.norm(curve - recording.markers[frame], axis=1))
     return float(np.nanmean(apart))
 
@@ -242,9 +251,8 @@ def corrected(item: tuple[Scene, Measurement]) -> Array:
     """
     scene, recording = item
     simulator = Simulator(scene, recording.ends_at(0))
-    u = recording.shares * scene.cable.length
-    begin(simulator, recording, u, slice(START_FRAMES))
-    basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
+    recording = begin(simulator, recording, slice(START_FRAMES))
+    basis = marker_basis(simulator, recording)
     observer = Observer(Measured(noise=NOISE), Journal(()))
     rng, times = np.random.default_rng(0), recording.times
     looks = np.searchsorted(times, np.arange(1.0, times[-1] * RATE) / RATE - 1e-9)
@@ -256,7 +264,7 @@ def corrected(item: tuple[Scene, Measurement]) -> Array:
         found += list(basis @ shapes[:, :, :3])
         if not report.status.advanced:
             break
-        seen = recording.markers[frame, rng.random(len(u)) < SEEN]
+        seen = recording.markers[frame, rng.random(len(basis)) < SEEN]
         seen = seen[np.isfinite(seen).all(axis=1)]
         if len(seen):
             noisy = seen + rng.normal(0.0, NOISE, seen.shape)

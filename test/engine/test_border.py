@@ -5,8 +5,18 @@ import pytest
 from bodies import relaxed
 from branches import Joint, joined
 from cables import scene_of, solve_held
+from numba import boolean, int64, void
 
+from dlo_sim.compiling.kernels import kernel
 from dlo_sim.core import bspline, spectrum
+from dlo_sim.engine.arrays import BETWEEN, IN_SKYLINE, IN_STATE, cable_at
+from dlo_sim.engine.band import eliminate, hold, set_border, solve_border
+from dlo_sim.engine.skyline import (
+    begin_skyline,
+    eliminate_skyline,
+    open_skyline,
+    reach_to,
+)
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.simulator import Simulator
 
@@ -78,6 +88,41 @@ def test_what_only_joints_support_is_solved_and_its_unstable_modes_counted(
     assert solve_held(tree.cable, x, transposed) == negative
     expected = basis @ np.linalg.solve(within, basis.T @ right)
     assert np.abs(x - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+@kernel(void, int64, boolean, family=BETWEEN)
+def columns_with(address, skyline):
+    cable = cable_at(address)
+    band, directions = cable.work.band, cable.state.direction
+    hold(cable, directions, directions, band)
+    set_border(cable, directions, directions)
+    if skyline:
+        begin_skyline(cable)
+        reach_to(cable, 1, 7)
+        open_skyline(cable, band)
+        eliminate_skyline(cable)
+    else:
+        eliminate(band, cable.n * cable.lines, cable.lines)
+    cable.work.results.coupled = IN_SKYLINE if skyline else IN_STATE
+    solve_border(cable, band, 1.0)
+
+
+def test_the_columns_of_a_skyline_are_those_of_the_band():
+    """Where it reaches farther than the band, but has only zeros there."""
+    touching = {"contact.self_contact": "on", "grasps.names": ["a", "b"]}
+    for k, name in enumerate("ab"):
+        place = {"at": 0.31 + 0.1 * k, "position": [0.3 + 0.1 * k, 0.0, 0.0], "clamped": True}
+        touching |= {f"grasps.{name}.{key}": value for key, value in place.items()}
+    found = []
+    for skyline in (False, True):
+        cable = Simulator(scene_of(WIRE, touching, n=12)).cable
+        cable.stiffness()
+        cable.call(columns_with, skyline)
+        work = cable.arrays.work
+        found.append((work.border_shift.copy(), work.border_system.copy()))
+    assert found[0][0].shape[1] >= 8 and np.abs(found[0][0]).max() > 0.0
+    for one, other in zip(*found, strict=True):
+        assert np.abs(one - other).max() < 1e-10 * np.abs(one).max()
 
 
 def test_a_cable_cut_in_two_and_joined_rests_as_uncut():

@@ -165,6 +165,19 @@ def test_the_energy_of_a_strand_with_a_tumbling_body_is_kept(stiffness, method):
         assert abs(rows_of(whole, now, now)[2]) < 1e-9
 
 
+def test_a_search_for_the_shape_alone_turns_a_body_to_its_strand():
+    whole, points = headed(gravity=[0.0, 0.0, -9.81])
+    points[2:, 3] = 0.2
+    whole.put(points)
+    relaxed_from = turned(whole, points, [0.5, 0.0, 0.0])
+    whole.cable.x[:] = whole.cable.model.to_lines(relaxed_from)
+    relaxed(whole.cable, 0.3)
+    found = whole.cable.points
+    assert np.abs(found[2, 2]) > 0.01 and np.all(found[2:, 3] == 0.2)
+    assert rows_of(whole, found, found)[2] == pytest.approx(0.0, abs=1e-9)
+    assert abs(whole.directors()[2, 2]) < 1e-3
+
+
 def in_line(stiffness):
     """Two strands joined by a body between them, held at their far ends, one of which is turned."""
     left = {"start.fixed": [True] * 3, "start.clamped": True, "start.tangent": [1.0, 0.0, 0.0]}

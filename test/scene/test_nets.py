@@ -359,10 +359,19 @@ TWICE = "end.joined: c, end.joined_at: 1, c.end.joined: cable, c.end.joined_at: 
         # what nets do not support
         ("a, terms.stretch: off", "terms.stretch: 'off' is not available for a net of cables; set"),
         ("a, terms.out_of_plane: off", "terms.out_of_plane: 'off' is not available for a net"),
-        ("a.direction: [0, 1, 0], terms.twist: off", "terms.twist: 'off' takes no roll from one cable to another"),
-        ("a.direction: [0, 1, 0], terms.twist: frenet", "terms.twist: 'frenet' takes no roll from one cable to another"),
+        (
+            "a.direction: [0, 1, 0], terms.twist: off",
+            "terms.twist: 'off' takes no roll from one cable to another",
+        ),
+        (
+            "a.direction: [0, 1, 0], terms.twist: frenet",
+            "terms.twist: 'frenet' takes no roll from one cable to another",
+        ),
         ("plug, terms.twist: off", "terms.twist: 'off' takes no roll from one cable to another"),
-        ("a.direction: [0, 1, 0], terms.bend: off", "terms.bend: 'off' takes no roll from one cable to another"),
+        (
+            "a.direction: [0, 1, 0], terms.bend: off",
+            "terms.bend: 'off' takes no roll from one cable to another",
+        ),
         ("a, plasticity.yield_curvature: 1", "yield_curvature: 1.0 is not available for a net"),
         ("a, hose.pressure: 1e5, hose.bore: 0.002", "hose.pressure: 100000.0 Pa is not available"),
         ("a, hand.slides: true", "grasps.hand.slides: true is not available for a net of cables"),
