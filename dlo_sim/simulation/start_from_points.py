@@ -169,8 +169,7 @@ def _held_rows(
             rows += [np.kron(slope, axis) for axis in across]
             places += [0.0, 0.0]
     for point in smooth_places(part):
-        value = point.values(model.n)[part.here]
-        rows += [np.kron(value, axis) for axis in np.eye(3)]
+        rows += [np.asarray(np.kron(point.values(model.n)[part.here], axis)) for axis in np.eye(3)]
         places += [0.0] * 3
     for at, order, wanted in known:
         value = bspline.evaluate(np.eye(n), knots, np.array([at]), order)[0]
