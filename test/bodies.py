@@ -298,7 +298,7 @@ class Assembly:
 def motion_of(model):
     """Motions of the grasps of a scene at rest."""
     cable = Cable(model)
-    EndDrive(model.scene, model.geometries, model.knots).live_in(cable.motion)
+    EndDrive(model).live_in(cable.motion)
     return cable.motion
 
 

@@ -859,33 +859,23 @@ def take_shares(cable, count, y):
         y[r] -= lane_sum(sums)
 
 
-@kernel(void, CABLE, VECTOR, terms=BORDERED)
-def keep_border(cable, y):
-    """Let a correction y, of which unknown r is y[PADDING + r], keep the border rows:
-    y <- (1 - Z (C Z + compliance)^-1 C) y.
+@kernel(void, CABLE, boolean, VECTOR, terms=BORDERED)
+def keep_border(cable, closes, y):
+    """Let a correction y, of which unknown r is y[PADDING + r], keep the border rows, and if it
+    `closes` the gaps of the rigid ones, close these:
+    y <- y - Z (C Z + compliance)^-1 (C y + gap).
+    Minus `work.border_share` are the multipliers that it adds.
     """
     work, count = cable.work, border_columns(cable)
     values = work.border_value
     for k in range(count):
         values[k] = along(cable, work.border_condition, k, y, PADDING)
+    for k in range(cable.rows.border, kept(cable) if closes else 0):
+        values[k] += work.border_gap[k]
     for k in range(count):
         share = 0.0
         for j in range(count):
             share += work.border_system[k, j] * values[j]
-        work.border_share[k] = share
-    take_shares(cable, count, y)
-
-
-@kernel(void, CABLE, VECTOR, terms=ROLLED, family=IMPLICIT | BETWEEN)
-def close_border(cable, y):
-    """Let a correction y that keeps the border rows close the gaps of the rigid ones:
-    y -= Z (C Z + compliance)^-1 gap.
-    """
-    work, count = cable.work, border_columns(cable)
-    for k in range(count):
-        share = 0.0
-        for j in range(kept(cable)):
-            share += work.border_system[k, j] * work.border_gap[j]
         work.border_share[k] = share
     take_shares(cable, count, y)
 

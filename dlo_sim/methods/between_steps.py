@@ -248,7 +248,7 @@ def solve_held(address, unknowns, transposed):
         else:
             clear_held(cable, z, PADDING)
             substitute(band, size, lines, z)
-            keep_border(cable, z)
+            keep_border(cable, NO, z)
         turn_vector(cable, directions, NO, z, PADDING)
         for r in range(size):
             sides[side, r] = z[PADDING + r]

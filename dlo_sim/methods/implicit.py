@@ -66,7 +66,6 @@ from dlo_sim.engine.band import (
     clamps_here,
     clear_band,
     clear_held,
-    close_border,
     eliminate,
     hold,
     keep_border,
@@ -312,6 +311,7 @@ def begin_step(cable, t0, tau):
     else:
         keep_constraints(cable)
     roll.set_rolls(cable, work.start, state.x, YES)
+    roll.recall(cable)
     set_border(cable, work.middle_direction, state.direction)
     difference(state.x, work.start, work.change)
     if cable.terms & CONTACT:
@@ -557,8 +557,8 @@ def correct(cable, known, discrete, allowed, reach):
     for r in range(size):
         unbalanced[r] = z[PADDING + r]
     solve(cable, state.matrix, z)
-    keep_border(cable, z)
-    close_border(cable, z)
+    keep_border(cable, YES, z)
+    roll.predict(cable, 1.0)
     for j in range(known):
         along = overlap(cable, z, corrections[j]) * work.correction_scale[j]
         if j + 1 < known:
@@ -702,7 +702,7 @@ def settle_overdamped(cable, moves, tau):
         turn_vector(cable, work.middle_direction, YES, solved, PADDING)
         clear_held(cable, solved, PADDING)
         solve(cable, state.matrix, solved)
-        keep_border(cable, solved)
+        keep_border(cable, NO, solved)
         for r in range(cable.n * lines):
             step[r] = solved[PADDING + r]
         turn_vector(cable, state.direction, NO, step, 0)
@@ -761,7 +761,7 @@ def stop_contacts(cable, t, tau):
         clear_held(cable, solved, PADDING)
         copy(before, v)
         substitute(band, cable.n * lines, lines, solved)
-        keep_border(cable, solved)
+        keep_border(cable, NO, solved)
         for r in range(cable.n * lines):
             work.step[r] = solved[PADDING + r]
         turn_vector(cable, directions, NO, work.step, 0)
@@ -839,6 +839,7 @@ def finish_step(cable, t0, tau, whole, lost):
     balance.drive_work += driven + rolled[1]
     accept_anchors(cable)
     accept_slides(cable, work.start, state.x)
+    roll.keep_moments(cable)
     for k in range(cable.rows.count):
         state.reaction[k] += tau / whole * work.row_force[k]
     balance.known += 1.0

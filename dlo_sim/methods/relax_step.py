@@ -34,7 +34,6 @@ from dlo_sim.engine.band import (
     add_line,
     border_columns,
     clear_held,
-    close_border,
     eliminate,
     ground_border,
     hold,
@@ -207,11 +206,9 @@ def solve_lines(cable, push, closes, out):
     turn_vector(cable, directions, YES, z, PADDING)
     clear_held(cable, z, PADDING)
     substitute(cable.work.band, cable.n * cable.lines, cable.lines, z)
-    keep_border(cable, z)
+    keep_border(cable, closes, z)
     if closes:
-        for row in range(cable.rolls.rigid_rolls):
-            cable.work.roll_moment[row] = -cable.work.border_share[cable.rows.border + row]
-        close_border(cable, z)
+        roll.predict(cable, 0.0)
     turn_vector(cable, directions, NO, z, PADDING)
     clear(out)
     to_lines(cable, z, PADDING, out)

@@ -252,16 +252,12 @@ def cuts_of(scene: Scene) -> dict[str, list[float]]:
     return {name: sorted(cuts) for name, cuts in found.items()}
 
 
-def smooth_at(part: Part, u: float) -> Point:
-    """r' behind a place where the knots are threefold, minus that before it: zero."""
-    knots = part.model.knots
-    begin = int(np.searchsorted(bspline.breaks(knots), u)) - 1  # the span before
-    before, after = (
-        knots[bspline.DEGREE + k + 1] - knots[bspline.DEGREE + k] for k in (begin, begin + 3)
-    )
-    return Point(
-        part.first + begin + 2, (1.0 / before, -1.0 / before - 1.0 / after, 1.0 / after, 0.0)
-    )
+def smooth_places(part: Part) -> Iterator[Point]:
+    """r' behind each place where the knots are threefold, minus that before it: zero."""
+    lengths = np.diff(bspline.breaks(part.model.knots))
+    for k in np.flatnonzero(lengths == 0.0)[::2]:  # two empty spans
+        before, after = 1.0 / lengths[k - 1], 1.0 / lengths[k + 2]
+        yield Point(part.first + int(k) + 1, (before, -before - after, after, 0.0))
 
 
 def layout_of(scene: Scene, geometries: Geometries, models: Mapping[str, Model]) -> Layout:
@@ -365,9 +361,8 @@ def joining(layout: Layout, dim: int, twist: bool) -> Iterator[Row | Point]:
             bend = place_at(other, join.at, 2)
             yield from rows_of(difference(place_at(part, join.u, 2), bend), dim)
     for part in layout.parts.values():
-        inside = bspline.breaks(part.model.knots)[1:-1]
-        for u in sorted({float(u) for u in inside if np.count_nonzero(inside == u) > 1}):
-            yield from rows_of(smooth_at(part, u), dim)
+        for point in smooth_places(part):
+            yield from rows_of(point, dim)
     for body in layout.bodies:
         part = layout.parts[body.strand]
         if body.alone:

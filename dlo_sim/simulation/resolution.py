@@ -38,7 +38,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -125,7 +125,8 @@ def _resolved_net(scene: Scene) -> tuple[Scene, str]:
     values: dict[str, object] = {"discretization.knots": "uniform"}
     reasons, fewest = [], MOST
     for strand in scene.strands:
-        alone, reason = resolved(strand.scene)
+        equal = replace(strand.scene.discretization, knots="uniform")
+        alone, reason = resolved(replace(strand.scene, discretization=equal))
         reasons.append(f"{strand.name}: {reason}")
         key = strand.key_of("discretization.control_points")
         values[key] = alone.discretization.control_points

@@ -24,6 +24,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.drawn_strands import with_bodies
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.model import MAIN, Model, Part
+from dlo_sim.simulation.net import smooth_places
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -152,7 +153,8 @@ def _held_rows(
         known: of joints: material coordinate, order of the derivative, and its value.
     """
     n, knots, names = part.model.n, part.model.knots, list(model.scene.holders)
-    rows, places = [np.zeros(3 * n)], [0.0]
+    rows: list[Array] = [np.zeros(3 * n)]
+    places = [0.0]
     for number, holder in enumerate(part.model.scene.holders.values(), part.grasp):
         name = names[number]
         u = model.geometries[name].u
@@ -166,6 +168,9 @@ def _held_rows(
             across = np.linalg.svd(ends.tangent(name, 0.0)[None])[2][1:]
             rows += [np.kron(slope, axis) for axis in across]
             places += [0.0, 0.0]
+    for point in smooth_places(part):
+        rows += [np.asarray(np.kron(point.values(model.n)[part.here], axis)) for axis in np.eye(3)]
+        places += [0.0] * 3
     for at, order, wanted in known:
         value = bspline.evaluate(np.eye(n), knots, np.array([at]), order)[0]
         rows += [np.kron(value, axis) for axis in np.eye(3)]

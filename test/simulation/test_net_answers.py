@@ -1,0 +1,142 @@
+"""Nets that move or are twisted, against known answers."""
+
+import warnings
+
+import numpy as np
+import pytest
+import scipy.integrate
+from cables import move
+from nets import STRING, WEIGHTLESS, WIRE, momenta, net, second_variation, spinning
+
+FREE = {"start.fixed": [False] * 3}
+X, Z = [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
+EI, GJ = WIRE["cable.bending_stiffness"], WIRE["cable.torsional_stiffness"]
+
+
+def harness(joint, twist, step):
+    """A free cable with two branches across and a connector at its end, spinning and bending."""
+    main = {
+        "cable.length": 0.6,
+        "cable.axial_stiffness": 200.0,
+        "end.position": [0.6, 0.0, 0.0],
+        "discretization.control_points": 9,
+        "integrator.step": step,
+        "integrator.tolerance": 1e-13,
+        "terms.twist": twist,
+        "terms.out_of_plane": "on",
+        "connectors.names": ["plug"],
+        "connectors.plug.mass": 0.02,
+        "connectors.plug.center": [0.01, 0.005, -0.01],
+        "connectors.plug.inertia": [2e-5, 3e-5, 4e-5],
+        "connectors.plug.joint": joint,
+    }
+    branch = {"cable.length": 0.2, "joint": joint, "discretization.control_points": 6}
+    a, b = {"at": 0.3, "direction": [0.0, 1.0, 0.0]}, {"at": 0.7, "direction": Z}
+    sim = net(WEIGHTLESS, FREE, main, a=branch | a, b=branch | b)
+    points, rates = spinning(sim, [1.0, 2.0, 3.0], [0.1, -0.2, 0.05])
+    for part in sim.model.parts:
+        rates[part.here, 2] += 0.3 * np.sin(np.linspace(0.0, 3.0, part.model.n))
+    sim.begin(points, rates)
+    return sim
+
+
+# Steps of 5 ms, 50 control points: energy and angular momentum open by 2e-7 and 2e-5 in 10 s.
+@pytest.mark.parametrize(
+    "joint, twist, duration, energy, turning",
+    [("hinged", "off", 100.0, 1e-9, 1e-9), ("rigid", "quasistatic", 5.0, 1e-6, 1e-4)],
+)
+def test_a_free_harness_tumbles(joint, twist, duration, energy, turning):
+    """It keeps energy, momentum and angular momentum; with twist the latter to the order of what
+    theta, a spline, does not show of the tangent."""
+    sim = harness(joint, twist, 5e-3 if joint == "hinged" else 2e-3)
+    before = momenta(sim)
+    assert sim.advance(duration).status.ok
+    for (now, then), share in zip(zip(momenta(sim), before, strict=True), (1e-12, turning)):
+        assert np.abs(now - then).max() < share * np.linalg.norm(then)
+    assert sim.energy_error < energy
+    assert sum(sim.cable.potentials()[:2]) > 1e-3 * sim.cable.kinetic()
+
+
+CLAMPED = {
+    "start.clamped": True,
+    "start.tangent": X,
+    "end.fixed": [True] * 3,
+    "end.clamped": True,
+    "end.tangent": X,
+    "damping.mass": 4.0,
+    "damping.stiffness": 0.02,
+    "integrator.step": 5e-3,
+}
+
+
+def half_turn(sim, end, axis):
+    """Turn an end by half a turn, and come to rest."""
+    axis = np.array(axis)
+    move(sim, end, 1.0, angular_velocity=(np.pi * axis).tolist())
+    assert sim.advance(4.0).status.ok
+
+
+def test_half_a_turn_is_shared_by_cables_in_line():
+    """By the compliances length / GJ; the joint rolls by the first one's share."""
+    main = {"cable.length": 0.3, "end.fixed": [False] * 3, "end.clamped": False}
+    other = {"cable.length": 0.2, "cable.torsional_stiffness": 0.003, "at": 1.0}
+    branch = other | {"end.fixed": [True] * 3, "end.clamped": True, "end.pose_topic": "/end"}
+    branch |= {"end.position": [0.5, 0.0, 0.0], "end.tangent": X}
+    sim = net(WEIGHTLESS, CLAMPED, main, b=branch)
+    half_turn(sim, "b.end", X)
+    shares = 0.3 / GJ, 0.2 / 0.003
+    torque = np.pi / sum(shares)
+    assert sim.reaction("b.end")[1][0] == pytest.approx(torque, rel=5e-3)
+    assert sim.reaction("start")[1][0] == pytest.approx(-torque, rel=5e-3)
+    roll = sim.strand("cable").frames(np.array([0.3]), sim.time)[0]
+    assert 2.0 * np.arctan2(roll[0], roll[3]) == pytest.approx(torque * shares[0], rel=5e-3)
+
+
+def test_half_a_turn_across_a_cable_bends_it():
+    """A branch from the middle of a clamped cable of length L, whose middle turns by M L / 16 EI."""
+    length, stiff = 1.0, 0.15
+    main = {"cable.length": length, "cable.bending_stiffness": stiff, "end.position": X}
+    main |= {"cable.axial_stiffness": 100.0, "cable.torsional_stiffness": 0.1}
+    branch = {"at": 0.5, "direction": Z, "cable.length": 0.3, "cable.torsional_stiffness": GJ}
+    branch |= {"end.fixed": [True] * 3, "end.clamped": True, "end.pose_topic": "/end"}
+    branch |= {"end.position": [0.5, 0.0, 0.3], "end.tangent": Z}
+    sim = net(WEIGHTLESS, CLAMPED, main, b=branch)
+    half_turn(sim, "b.end", Z)
+    shares = 0.3 / GJ, length / (16.0 * stiff)
+    torque = np.pi / sum(shares)
+    assert sim.reaction("b.end")[1][2] == pytest.approx(torque, rel=5e-3)
+    middle = sim.strand("cable").points(np.array([0.4999, 0.5001]))
+    turn = np.arctan2(*(middle[1] - middle[0])[[1, 0]])
+    assert turn == pytest.approx(torque * shares[1], rel=5e-3)
+
+
+def test_a_push_across_the_end_of_a_branch_twists_its_parent():
+    """F at the end of a branch of length b in the middle of a clamped cable of length L moves it by
+    F (b^3 / 3 EI + b^2 L / 4 GJ + L^3 / 192 EI)."""
+    length, reach, push, stiff = 1.0, 0.3, 2e-4, 0.02
+    main = {"cable.length": length, "end.position": X, "terms.out_of_plane": "on"}
+    main |= {"cable.bending_stiffness": stiff, "initial.shape": "equilibrium"}
+    main |= {"loads.names": ["push"], "loads.push.on": "b", "loads.push.signal": "constant"}
+    main |= {"loads.push.type": "force", "loads.push.force": [0.0, push, 0.0]}
+    sim = net(WEIGHTLESS, CLAMPED, main, b={"at": 0.5, "direction": Z, "cable.length": reach})
+    roll = push * reach * length / (4.0 * GJ)
+    expected = push * (reach**3 / (3.0 * stiff) + length**3 / (192.0 * stiff)) + roll * reach
+    assert sim.strand("b").points(np.array([reach]))[0, 1] == pytest.approx(expected, rel=5e-3)
+    frame = sim.strand("cable").frames(np.array([0.5]), sim.time)[0]
+    assert 2.0 * np.arctan2(frame[0], frame[3]) == pytest.approx(-roll, rel=5e-3)
+
+
+def test_a_ring_with_twist_leaves_its_plane():
+    """Beyond sqrt(3) EI / GJ turns, by two modes (Michell)."""
+    main = {"cable.length": 1.0, "end.joined": "cable", "end.joined_at": 0.0}
+    more = {"discretization.control_points": 49, "initial.shape": "equilibrium"}
+    sim = net(WEIGHTLESS, FREE, main, more, {"terms.twist": "quasistatic"})
+    for share, unstable in ((0.99, 0), (1.01, 2)):
+        turns, points = share * np.sqrt(3.0) * EI / GJ, sim.control_points
+        points[:, 3] = 2.0 * np.pi * turns * sim.greville
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            sim.start_from(points)
+        assert sim.cable.potentials()[2] == pytest.approx(0.5 * GJ * (2.0 * np.pi * turns) ** 2)
+        squares = second_variation(sim)  # of the first mode with twist that moves: 33.5 without
+        assert np.sum(squares < -1.0) == unstable
