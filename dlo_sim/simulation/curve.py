@@ -52,6 +52,11 @@ class Curve:
         return self._part.length
 
     @property
+    def bending_stiffness(self) -> float:
+        """EI [N m^2]."""
+        return self._part.model.scene.cable.EI
+
+    @property
     def control_points(self) -> Array:
         """Its control points x, y, z [m], theta [rad], world frame, shape (n_u, 4), a copy."""
         return self._part.model.in_world(self._own)
