@@ -4,10 +4,11 @@ import warnings
 
 import numpy as np
 import pytest
-import scipy.integrate
+import scipy.linalg
 from cables import move
-from nets import STRING, WEIGHTLESS, WIRE, momenta, net, second_variation, spinning
+from nets import WEIGHTLESS, WIRE, frequencies, momenta, net, second_variation, spinning
 
+from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
 
 FREE = {"start.fixed": [False] * 3}
@@ -194,3 +195,68 @@ def test_a_peg_that_turns_draws_one_side_of_a_band_tighter(friction=0.2):
     above = line[:, 1] > 0.6 / (2.0 * np.pi)
     ratio = tension[free & ~above].mean() / tension[free & above].mean()
     assert ratio == pytest.approx(np.exp(friction * np.pi), rel=1e-2)
+
+
+MASS, ARM, LENGTH, GRAVITY, INERTIA = 0.2, 0.1, 0.5, 9.81, (4e-4, 7e-4, 7e-4)
+
+
+def hanging(joint, **more):
+    """A body that hangs on a string, its centre ARM below the end; and the matrices M and K of the
+    angles of both, with the stiffness sqrt(EI T) of a string bent sharply at its end if rigid."""
+    bending = 2e-5 if joint == "rigid" else 1e-9
+    main = {
+        "cable.length": LENGTH,
+        "cable.diameter": 0.02,
+        "cable.linear_density": 5e-5,
+        "cable.bending_stiffness": bending,
+        "end.position": [0.0, 0.0, -LENGTH],
+        "discretization.control_points": 100 if joint == "rigid" else 13,
+        "connectors.names": ["bob"],
+        "connectors.bob.mass": MASS,
+        "connectors.bob.center": [ARM, 0.0, 0.0],
+        "connectors.bob.inertia": list(INERTIA),
+        "connectors.bob.joint": joint,
+        "initial.shape": "equilibrium",
+    }
+    sim = net({"terms.twist": "bishop" if joint == "rigid" else "off"}, main, more)
+    M = np.array([[LENGTH**2, LENGTH * ARM], [LENGTH * ARM, ARM**2]]) * MASS
+    M[1, 1] += INERTIA[1]
+    K = np.diag([LENGTH, ARM]) * MASS * GRAVITY
+    if joint == "rigid":
+        K += np.sqrt(bending * MASS * GRAVITY) * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    return sim, M, K
+
+
+@pytest.mark.parametrize("joint", ["rigid", "hinged"])
+def test_a_payload_on_a_cable_has_two_pendulum_modes(joint):
+    """In both planes; it spins about its axis as it likes."""
+    sim, M, K = hanging(joint)
+    expected = np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True))
+    found = frequencies(sim, 5)
+    assert found[0] < 1e-2 * found[1]
+    np.testing.assert_allclose(found[1:], np.repeat(expected, 2), rtol=5e-3)
+
+
+@pytest.mark.parametrize("joint", ["rigid", "hinged"])
+def test_a_body_spun_on_a_hanging_cable_precesses(joint, spin=40.0, push=0.15):
+    """Small angles as complex numbers, by Euler's equations: M q'' + i J spin q' + K q = 0."""
+    sim, M, K = hanging(joint, **{"integrator.step": 1e-3})
+    points = sim.cable.points
+    rates, body = np.zeros_like(points), sim.model.bodies[0].points
+    rates[:, :3] = np.cross([0.0, push, 0.0], points[:, :3])
+    rates[body, :3] += np.cross([0.0, 0.0, -spin], points[body, :3] - points[body[0], :3])
+    rates[sim.model.parts[0].here, 3] = spin * sim.model.twist
+    sim.begin(points, rates)
+    inverse, times, found = np.linalg.inv(M), np.linspace(0.0, 1.5, 31)[1:], []
+    for _ in times:
+        assert sim.advance(0.05).status.ok
+        place, turn = sim.connector_pose("bob")
+        axis = rotations.rotate(turn, [1.0, 0.0, 0.0])
+        found.append([complex(*place[:2]) / LENGTH, complex(*axis[:2])])
+    gyro = np.diag([0.0, 1j * INERTIA[0] * spin])
+    whole = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ K, -inverse @ gyro]])
+    begun = np.array([0.0, 0.0, -push, -push], dtype=complex)
+    expected = np.array([(scipy.linalg.expm(t * whole) @ begun)[:2] for t in times])
+    assert np.abs(np.angle(expected[:, 1])).max() > 2.0
+    for k in range(2):
+        assert np.abs(np.array(found) - expected)[:, k].max() < 5e-3 * np.abs(expected[:, k]).max()
