@@ -100,5 +100,6 @@ def spinning(sim, turning, velocity):
         knots, own = part.model.knots, points[part.here, :3]
         column, slopes = bspline.active_basis(knots, bspline.greville(knots), 1)
         tangents = [s @ own[c : c + 4] for c, s in zip(column, slopes, strict=True)]
-        rates[part.here, 3] = [t @ turning / np.linalg.norm(t) for t in np.array(tangents)]
+        if sim.model.twist:
+            rates[part.here, 3] = [t @ turning / np.linalg.norm(t) for t in np.array(tangents)]
     return points, rates

@@ -21,16 +21,11 @@ from dlo_sim.simulation.connector_shape import beside, groups_of
 from dlo_sim.simulation.geometry import Geometries
 from dlo_sim.simulation.held_rows import fill_rows, held_values
 from dlo_sim.simulation.holding import Holding, Point, Row
-from dlo_sim.simulation.model import Model, Part
+from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.net import Layout, joining, layout_of, rolls_of
 
 Array = NDArray[np.float64]
 LIGHT = 1e-3  # of a third of a span: mass of a body that has none of its own
-# Share of the polar inertia that strands with quasistatic twist keep where only joints and bodies hold
-# their roll. With less, twist is so nearly free in the band that the border rows lose digits: with
-# 1e-9 one rigid branch across a free cable opened the energy by 2e-3 and the angular momentum by 1 in
-# 1 s; the inertia itself opens the energy by this share.
-STATIC_ROLL = 1e-6
 RIGID = 100.0  # stiffness of a body, in the axial stiffness of a cable as long as its directors
 # What the lanes of void spans have where they are divided by.
 VOID = {"padding": 1.0, "slope": 1.0, "axial": 1.0, "bending": 1.0, "torsional": 1.0}
@@ -193,13 +188,10 @@ class _Joining:
         linear.decay[:] = self._each[0].linear.decay
         for name in ("mass", "damping", "twist", "weight", "greville", "frame_factors"):
             own = [
-                without_margins(getattr(one.linear, name), one.n).copy()
+                without_margins(getattr(one.linear, name), one.n)
                 for one in self._each
                 if getattr(one.linear, name).size
             ]
-            if name == "mass" and model.has(bits.STATIC_TWIST):
-                for one, part in zip(own, self._parts, strict=True):
-                    one[1] *= _heavier(part)
             if own:
                 without_margins(getattr(linear, name), model.n)[:] = layout.by_point(own)
         bodies, scene = mass_of_bodies(layout), model.scene
@@ -255,15 +247,6 @@ class _Joining:
         physics.shortest_span = min(one.shortest_span for one in each)
         physics.axial_round_off = sum(one.axial_round_off for one in each)
         physics.bending_round_off = sum(one.bending_round_off for one in each)
-
-
-def _heavier(part: Part) -> float:
-    """Factor on the rotary inertia of a strand with quasistatic twist (STATIC_ROLL)."""
-    model = part.model
-    if any(point.twist for point in model.holding.points):
-        return 1.0
-    there = mass.multiply(model.mass(len(model.axes)), np.ones(model.n)).sum()
-    return float(STATIC_ROLL * model.scene.cable.polar_inertia * part.length / there)
 
 
 def held_by_all(layout: Layout, dim: int, twist: bool) -> Holding:
