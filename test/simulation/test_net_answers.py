@@ -54,7 +54,7 @@ def test_a_free_harness_tumbles(joint, twist, duration, energy, turning):
     sim = harness(joint, twist, 5e-3 if joint == "hinged" else 2e-3)
     before = momenta(sim)
     assert sim.advance(duration).status.ok
-    for (now, then), share in zip(zip(momenta(sim), before, strict=True), (1e-12, turning)):
+    for now, then, share in zip(momenta(sim), before, (1e-12, turning), strict=True):
         assert np.abs(now - then).max() < share * np.linalg.norm(then)
     assert sim.energy_error < energy
     assert sum(sim.cable.potentials()[:2]) > 1e-3 * sim.cable.kinetic()
@@ -96,8 +96,8 @@ def test_half_a_turn_is_shared_by_cables_in_line():
 
 @pytest.mark.parametrize("joint, angle", [("rigid", np.pi), ("elastic", 0.3)])
 def test_a_branch_that_is_turned_bends_its_parent(joint, angle, stiffness=0.1):
-    """Across the middle of a clamped cable of length L, which turns by M L / 16 EI. A joint that gives
-    does by M / k, while that is small."""
+    """Across the middle of a clamped cable of length L, which turns by M L / 16 EI. A joint that
+    gives turns by M / k, while that is small."""
     length, stiff = 1.0, 0.15
     main = {"cable.length": length, "cable.bending_stiffness": stiff, "end.position": X}
     main |= {"cable.axial_stiffness": 100.0, "cable.torsional_stiffness": 0.1}
@@ -148,8 +148,8 @@ def test_a_ring_with_twist_leaves_its_plane():
 
 
 def band(friction, pull=0.115):
-    """A rubber band of 0.6 m round two pegs of 6 cm, laid as a circle, then drawn apart; its tension
-    without friction."""
+    """A rubber band of 0.6 m round two pegs of 6 cm, laid as a circle, then drawn apart; its
+    tension without friction."""
     main = {
         "cable.length": 0.6,
         "cable.diameter": 2e-3,
