@@ -71,7 +71,8 @@ DRIVEN = {
 }
 
 
-# Three branches, of which one carries a connector and the load.
+# Three branches: the gripper holds the end of the first one, too, the second one carries a plug,
+# the third one the load.
 BRANCHED = {
     **DRIVEN,
     "accuracy.estimate": "off",
@@ -83,9 +84,13 @@ BRANCHED = {
             "at": at,
             "direction": [0.0, 0.0, -1.0],
             "cable.length": 0.3,
-            "discretization.control_points": 7,
+            "discretization.control_points": 13,
         }.items()
     },
+    "branches.a.end.pose_topic": "/gripper_pose",
+    "branches.a.end.fixed": [True] * 3,
+    "branches.a.end.offset": [0.3, 0.0, -0.25],
+    "initial.shape": "straight",
     "connectors.names": ["plug"],
     "connectors.plug.on": "b",
     "connectors.plug.mass": 0.02,
