@@ -260,3 +260,27 @@ def test_a_body_spun_on_a_hanging_cable_precesses(joint, spin=40.0, push=0.15):
     assert np.abs(np.angle(expected[:, 1])).max() > 2.0
     for k in range(2):
         assert np.abs(np.array(found) - expected)[:, k].max() < 5e-3 * np.abs(expected[:, k]).max()
+
+
+@pytest.mark.parametrize("way", ["correct", "take", "reconfigured"])
+@pytest.mark.parametrize("along", [X, Z], ids=["in line", "across"])
+def test_a_joint_that_gives_stays_strained(along, way):
+    """Where a measurement corrects the shape, a gripper takes the cable, or the scene changes."""
+    main = {"cable.length": 0.3, "end.fixed": [False] * 3, "end.clamped": False}
+    main |= {"grasps.names": ["g"], "grasps.g.taken": False, "grasps.g.at": 0.2}
+    place = (0.1 * np.array(along) + [0.3, 0.0, 0.0]).tolist()
+    branch = {"at": 1.0, "direction": along, "cable.length": 0.1, "end.fixed": [True] * 3}
+    branch |= {"joint": "elastic", "joint_stiffness": 0.05, "end.clamped": True}
+    branch |= {"end.position": place, "end.tangent": along}
+    sim = net(WEIGHTLESS, CLAMPED, main, b=branch)
+    turn(sim, "b.end", X, 0.5)
+    before = sim.cable.potentials()
+    if way == "correct":
+        sim.correct(np.zeros((sim.model.n, 3)), np.zeros((sim.model.n, 3)))
+    elif way == "take":
+        sim.set_end("g", sim.centerline([0.06])[0])
+        sim.take("g")
+    else:
+        sim = sim.reconfigured(sim.scene.with_values({"damping.mass": 3.0}))
+    assert before[6] > 0.1 * before.sum()
+    np.testing.assert_allclose(sim.cable.potentials()[:7], before[:7], rtol=1e-6, atol=1e-9)
