@@ -269,7 +269,10 @@ class Assembly:
         for k, (model, begin) in enumerate(strands):
             here = slice(begin, begin + model.n)
             mesh.branch[here], mesh.strand[k] = k, (begin, begin + model.n)
-            mesh.length[k], mesh.radius[k] = model.arrays.mesh.length[0], model.arrays.mesh.radius[0]
+            mesh.length[k], mesh.radius[k] = (
+                model.arrays.mesh.length[0],
+                model.arrays.mesh.radius[0],
+            )
             for name in ("mass", "damping", "twist", "weight", "greville"):
                 into, of = getattr(linear, name), getattr(model.arrays.linear, name)
                 if of.size:

@@ -299,14 +299,14 @@ def predict(cable, share):
         work.roll_predicted[roll] = before - work.border_share[begin + roll]
 
 
-@kernel(void, CABLE, terms=ROLLED, family=IMPLICIT)
+@kernel(void, CABLE, terms=ROLLED, family=IMPLICIT | BETWEEN)
 def recall(cable):
     """Predict the moments that the last step had."""
     for roll in range(cable.rolls.rigid_rolls):
         cable.work.roll_predicted[roll] = cable.state.roll[roll, MOMENT]
 
 
-@kernel(void, CABLE, terms=ROLLED, family=IMPLICIT)
+@kernel(void, CABLE, terms=ROLLED, family=IMPLICIT | BETWEEN)
 def keep_moments(cable):
     """Keep the predicted moments for the next step."""
     for roll in range(cable.rolls.rigid_rolls):

@@ -93,6 +93,7 @@ def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
     lines = cable.lines if twist else cable.dim
     copy(x, work.start)
     clear(work.change)
+    roll.recall(cable)
     for iteration in range(1, MAX_ITERATIONS + 1):
         known = iteration > 1
         if not correct(address, pseudo, grid(guide), grid(begun), length, known, twist, rolls):
@@ -121,6 +122,7 @@ def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
             at = cable.rows.count + k
             state.anchor[at] = state.anchor_counted[at] = anchors[k]
         if last <= converged * moved or last < exact:
+            roll.keep_moments(cable)
             return iteration, moved
     return 0, 0.0
 

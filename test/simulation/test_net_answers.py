@@ -54,7 +54,7 @@ def test_a_free_harness_tumbles(joint, twist, duration, energy, turning):
     sim = harness(joint, twist, 5e-3 if joint == "hinged" else 2e-3)
     before = momenta(sim)
     assert sim.advance(duration).status.ok
-    for (now, then), share in zip(zip(momenta(sim), before, strict=True), (1e-12, turning)):
+    for now, then, share in zip(momenta(sim), before, (1e-12, turning), strict=True):
         assert np.abs(now - then).max() < share * np.linalg.norm(then)
     assert sim.energy_error < energy
     assert sum(sim.cable.potentials()[:2]) > 1e-3 * sim.cable.kinetic()
@@ -96,8 +96,8 @@ def test_half_a_turn_is_shared_by_cables_in_line():
 
 @pytest.mark.parametrize("joint, angle", [("rigid", np.pi), ("elastic", 0.3)])
 def test_a_branch_that_is_turned_bends_its_parent(joint, angle, stiffness=0.1):
-    """Across the middle of a clamped cable of length L, which turns by M L / 16 EI. A joint that gives
-    does by M / k, while that is small."""
+    """Across the middle of a clamped cable of length L, which turns by M L / 16 EI. A joint that
+    gives turns by M / k, while that is small."""
     length, stiff = 1.0, 0.15
     main = {"cable.length": length, "cable.bending_stiffness": stiff, "end.position": X}
     main |= {"cable.axial_stiffness": 100.0, "cable.torsional_stiffness": 0.1}
@@ -148,8 +148,8 @@ def test_a_ring_with_twist_leaves_its_plane():
 
 
 def band(friction, pull=0.115):
-    """A rubber band of 0.6 m round two pegs of 6 cm, laid as a circle, then drawn apart; its tension
-    without friction."""
+    """A rubber band of 0.6 m round two pegs of 6 cm, laid as a circle, then drawn apart; its
+    tension without friction."""
     main = {
         "cable.length": 0.6,
         "cable.diameter": 2e-3,
@@ -260,3 +260,27 @@ def test_a_body_spun_on_a_hanging_cable_precesses(joint, spin=40.0, push=0.15):
     assert np.abs(np.angle(expected[:, 1])).max() > 2.0
     for k in range(2):
         assert np.abs(np.array(found) - expected)[:, k].max() < 5e-3 * np.abs(expected[:, k]).max()
+
+
+@pytest.mark.parametrize("way", ["correct", "take", "reconfigured"])
+@pytest.mark.parametrize("along", [X, Z], ids=["in line", "across"])
+def test_a_joint_that_gives_stays_strained(along, way):
+    """Where a measurement corrects the shape, a gripper takes the cable, or the scene changes."""
+    main = {"cable.length": 0.3, "end.fixed": [False] * 3, "end.clamped": False}
+    main |= {"grasps.names": ["g"], "grasps.g.taken": False, "grasps.g.at": 0.2}
+    place = (0.1 * np.array(along) + [0.3, 0.0, 0.0]).tolist()
+    branch = {"at": 1.0, "direction": along, "cable.length": 0.1, "end.fixed": [True] * 3}
+    branch |= {"joint": "elastic", "joint_stiffness": 0.05, "end.clamped": True}
+    branch |= {"end.position": place, "end.tangent": along}
+    sim = net(WEIGHTLESS, CLAMPED, main, b=branch)
+    turn(sim, "b.end", X, 0.5)
+    before = sim.cable.potentials()
+    if way == "correct":
+        sim.correct(np.zeros((sim.model.n, 3)), np.zeros((sim.model.n, 3)))
+    elif way == "take":
+        sim.set_end("g", sim.centerline([0.06])[0])
+        sim.take("g")
+    else:
+        sim = sim.reconfigured(sim.scene.with_values({"damping.mass": 3.0}))
+    assert before[6] > 0.1 * before.sum()
+    np.testing.assert_allclose(sim.cable.potentials()[:7], before[:7], rtol=1e-6, atol=1e-9)
