@@ -262,11 +262,17 @@ def add_inertia(cable, pseudo, guide):
 
 
 @inline
+def holds_roll(cable, row):
+    """Whether a grasp prescribes a twist angle by this row; else it may be between strands."""
+    return cable.rows.line[row] == cable.dim and cable.rows.grasp[row] >= 0
+
+
+@inline
 def keep_columns(cable):
     """Keep the columns of the matrix that belong to twist angles which grasps prescribe."""
     work, lines, half = cable.work, cable.lines, 4 * cable.lines - 1
     for row in range(cable.rows.count):
-        if cable.rows.line[row] == cable.dim:
+        if holds_roll(cable, row):
             c = lines * cable.points.own[cable.rows.point[row]] + cable.dim
             for r in range(cable.n * lines):
                 near = abs(c - r) <= half
@@ -282,7 +288,7 @@ def turn_held(cable, begun):
     work, theta, dim = cable.work, cable.state.x[cable.dim], cable.dim
     nudge, frame, push, answer = work.nudge, work.load, work.force, work.inertia
     for row in range(cable.rows.count):
-        if cable.rows.line[row] != dim:
+        if not holds_roll(cable, row):
             continue
         own = cable.points.own[cable.rows.point[row]]
         turn_of_frame(cable, own, frame)
