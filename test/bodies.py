@@ -169,7 +169,8 @@ class Roll:
     side: tuple[float, float, float] = (0.0, 1.0, 0.0)
 
 
-VOID = {"padding": 1.0, "slope": 1.0, "axial": 1.0, "bending": 1.0}
+VOID = {"padding": 1.0, "slope": 1.0, "number": -1.0}
+VOID |= {"axial": 1.0, "bending": 1.0, "torsional": 1.0}
 
 
 class Assembly:
@@ -204,6 +205,7 @@ class Assembly:
             pieces=0,
             segments=0,
             bodies=len(bodies),
+            strands=len(strands),
             rolls=(len(rolls) - giving, giving),
         )
         arrays = CableArrays(sizes, inputs=None, state=None, work=None)
@@ -255,18 +257,19 @@ class Assembly:
     def _fill(arrays, strands):
         mesh, linear, n = arrays.mesh, arrays.linear, arrays.n
         for name in mesh.fields:
-            if name == "branch":
+            if name in ("branch", "strand", "length", "radius"):
                 continue
             parts = [from_blocks(getattr(m.arrays.mesh, name), m.n - 3) for m, _ in strands]
             whole = np.full((n - 3, *parts[0].shape[1:]), VOID.get(name, 0.0))
-            for part, (_, begin) in zip(parts, strands, strict=True):
-                whole[begin : begin + len(part)] = part
+            for k, (part, (_, begin)) in enumerate(zip(parts, strands, strict=True)):
+                whole[begin : begin + len(part)] = part + k * (name == "number")
             getattr(mesh, name)[:] = to_blocks(whole, beyond=VOID.get(name, 0.0))
         slopes, held = np.zeros((4, n)), np.ones(n, dtype=bool)
         without_margins(linear.mass[1], n)[3] = 1e-6
-        for model, begin in strands:
+        for k, (model, begin) in enumerate(strands):
             here = slice(begin, begin + model.n)
-            mesh.branch[here] = begin
+            mesh.branch[here], mesh.strand[k] = k, (begin, begin + model.n)
+            mesh.length[k], mesh.radius[k] = model.arrays.mesh.length[0], model.arrays.mesh.radius[0]
             for name in ("mass", "damping", "twist", "weight", "greville"):
                 into, of = getattr(linear, name), getattr(model.arrays.linear, name)
                 if of.size:
@@ -298,7 +301,7 @@ class Assembly:
 def motion_of(model):
     """Motions of the grasps of a scene at rest."""
     cable = Cable(model)
-    EndDrive(model.scene, model.geometries, model.knots).live_in(cable.motion)
+    EndDrive(model).live_in(cable.motion)
     return cable.motion
 
 

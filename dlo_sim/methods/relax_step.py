@@ -67,7 +67,6 @@ MAX_ITERATIONS = 12
 CONVERGED, EXACT = 1e-4, 1e-12  # last correction: share of that of the step, or of the length
 # The same with twist: frames are known to a few per cent where a span bends sharply.
 LOOSE, NEAR = 1e-2, 1e-10
-SYMMETRIC = YES
 SPIN = 0.16  # of the length: radius of gyration of the twist in pseudo-time
 
 
@@ -163,7 +162,7 @@ def correct(address, pseudo, guide, begun, length, predicted, twist, rolls):
         add_line(cable, cable.dim, cable.linear.mass[0], spin(length, pseudo), band)
     if rolls:
         keep_columns(cable)
-    roll.tangent(cable, cable.state.x, 1.0, SYMMETRIC, band)
+    roll.tangent(cable, cable.state.x, 1.0, band)
     hold(cable, directions, directions, band)
     roll.set_rolls(cable, cable.state.x, cable.state.x, twist)
     set_border(cable, directions, directions)

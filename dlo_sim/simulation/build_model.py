@@ -44,7 +44,7 @@ def build_model(
     origin, strands = np.zeros(3) if origin is None else origin, scene.strands
     counts = _counts([strand.scene for strand in strands], needs)
     counts = counts._replace(radius=max(counts.radius, thickest(scene.connectors)))
-    cuts = cuts_of(scene)
+    knots = knots_of(scene)
     models = {
         strand.name: _model(
             strand.scene,
@@ -52,7 +52,7 @@ def build_model(
             local_geometries(strand, geometries),
             origin,
             counts,
-            cuts[strand.name],
+            knots[strand.name],
         )
         for strand in strands
     }
@@ -73,6 +73,12 @@ class _Counts(NamedTuple):
     pieces: tuple[int, int]
     segments: int
     radius: float
+
+
+def knots_of(scene: Scene) -> dict[str, Array]:
+    """Knots [m] of each strand of a scene that leaves nothing open."""
+    cuts = cuts_of(scene)
+    return {one.name: bspline.cut(_knots(one.scene), cuts[one.name]) for one in scene.strands}
 
 
 def _knots(scene: Scene) -> Array:
@@ -99,10 +105,9 @@ def _model(
     geometries: Geometries,
     origin: Array,
     counts: _Counts,
-    cuts: Sequence[float],
+    knots: Array,
 ) -> Model:
-    """Constants of one strand, as a scene of its own; `cuts`: where it may bend sharply [m]."""
-    knots = bspline.cut(_knots(scene), cuts)
+    """Constants of one strand, as a scene of its own."""
     n, axes, twist = len(knots) - bspline.ACTIVE, needs.axes, "twist" in needs
     rule = _quadrature(scene, knots)
     holding = holding_of(scene, geometries, knots, axes, twist)

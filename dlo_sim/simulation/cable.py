@@ -402,6 +402,7 @@ class Cable:
         """
         self.x[:] = self.model.to_lines(points)
         if time is not None and self.model.holding.border:
+            self._count_joints()
             self.call(between_steps.place_held, time)
         self.w[:] = self.model.to_lines(rates)
         self.call(between_steps.keep_free_motion)

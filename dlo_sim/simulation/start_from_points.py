@@ -156,7 +156,8 @@ def _held_rows(
         known: of joints: material coordinate, order of the derivative, and its value.
     """
     n, knots, names = part.model.n, part.model.knots, list(model.scene.holders)
-    rows, places = [np.zeros(3 * n)], [0.0]
+    rows: list[Array] = [np.zeros(3 * n)]
+    places = [0.0]
     for number, holder in enumerate(part.model.scene.holders.values(), part.grasp):
         name = names[number]
         u = model.geometries[name].u
@@ -171,7 +172,7 @@ def _held_rows(
             rows += [np.kron(slope, axis) for axis in across]
             places += [0.0, 0.0]
     for point in smooth_places(part):
-        rows += [np.kron(point.values(model.n)[part.here], axis) for axis in np.eye(3)]
+        rows += [np.asarray(np.kron(point.values(model.n)[part.here], axis)) for axis in np.eye(3)]
         places += [0.0] * 3
     for at, order, wanted in known:
         value = bspline.evaluate(np.eye(n), knots, np.array([at]), order)[0]
