@@ -249,12 +249,11 @@ def loss(cable, x0, x1):
     return lost
 
 
-@kernel(void, CABLE, LINES, float64, boolean, LINES, terms=ROLLED, family=IMPLICIT | BETWEEN)
-def tangent(cable, x, scale, symmetric, band):
+@kernel(void, CABLE, LINES, float64, LINES, terms=ROLLED, family=IMPLICIT | BETWEEN)
+def tangent(cable, x, scale, band):
     """band += scale times the change of the forces of the rolls with the body at x, for their last
     moments f (`work.roll_predicted`), as far as these stay: the torque f T turns with the tangent,
         force on p_i = - f/2 T x e_i / l_i,   T = u / |u|,   u = sum_j along_j e_j.
-    With `symmetric` the symmetric part of it.
     """
     rolls, bodies, lines = cable.rolls, cable.bodies, cable.lines
     for roll in range(len(rolls.stiffness)):
@@ -270,14 +269,11 @@ def tangent(cable, x, scale, symmetric, band):
                     axis = (1.0 if c == 0 else 0.0, 1.0 if c == 1 else 0.0, 1.0 if c == 2 else 0.0)
                     turn = combined(1.0, axis, -component(t, c), t)
                     column = cross(combined(rolls.along[roll, j] / size, turn, 0.0, t), e[i])
-                    if i == j and not symmetric:
+                    if i == j:
                         column = combined(1.0, column, 1.0, cross(t, axis))
-                    half = 0.5 * share if symmetric else share
                     for r in range(3):
-                        value = half * component(column, r)
+                        value = share * component(column, r)
                         add_between(bodies.point[body], i + 1, j + 1, r, c, lines, value, band)
-                        if symmetric:
-                            add_between(bodies.point[body], j + 1, i + 1, c, r, lines, value, band)
 
 
 # -- rigid rolls ---------------------------------------------------------------------------------

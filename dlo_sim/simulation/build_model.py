@@ -16,6 +16,7 @@ from dlo_sim.engine.contact import EARTH
 from dlo_sim.engine.span_guard import guard_stiffness
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
+from dlo_sim.scene.refusal import refusal
 from dlo_sim.scene.terms import TERMS
 from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.arrays import sizes_of, to_blocks, without_margins
@@ -110,6 +111,10 @@ def _model(
     """Constants of one strand, as a scene of its own."""
     n, axes, twist = len(knots) - bspline.ACTIVE, needs.axes, "twist" in needs
     rule = _quadrature(scene, knots)
+    if "bishop" in needs and np.count_nonzero(rule.weights) < n - 1:
+        what = "points of a single span leave twist that costs no energy"
+        cure = "give 3, or 5 control points or more"
+        raise refusal("discretization.samples", scene.discretization.samples, f"{what}; {cure}")
     holding = holding_of(scene, geometries, knots, axes, twist)
     fields = fields_of(scene, counts.radius) if "contact" in needs else ()
     sizes = sizes_of(

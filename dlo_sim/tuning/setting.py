@@ -12,6 +12,7 @@ from dlo_sim.scene.needs import needs_of
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.resolution import resolved
 
+FEWEST = 2  # spans of a cable of a net
 FEW = 7  # control points, of a cable with long spans
 KEYS = {
     "method": "integrator.method",
@@ -66,8 +67,8 @@ class Setting:
             strands = resolved(scene)[0].strands
             main, *spans = (one.scene.discretization.control_points - DEGREE for one in strands)
             for strand, own in zip(strands[1:], spans, strict=True):
-                number = math.ceil(own * (self.control_points - DEGREE) / main) + DEGREE
-                values[strand.key_of("discretization.control_points")] = number
+                number = max(math.ceil(own * (self.control_points - DEGREE) / main), FEWEST)
+                values[strand.key_of("discretization.control_points")] = number + DEGREE
         return scene.with_values(values)
 
     @property

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from harness import MS, SECOND, T0, feed, harness, told
+from harness import MS, SECOND, T0, feed, harness
 from plans import trajectory
 
 from dlo_sim.core import rotations
@@ -184,18 +184,3 @@ def test_what_nets_have_not_is_refused():
         harness(**{"measured.type": "point_cloud"})
     with pytest.raises(SceneError, match=r"^discretization.knots: 'graded' is not available for a"):
         harness(**{"discretization.knots": "graded"})
-
-
-def test_jitter_of_arrivals_changes_no_bit():
-    """As for a single cable: what counts are the stamps."""
-    one, other = Session(harness()), Session(harness())
-    feed(one)
-    late = {"/start": 14 * MS, "/a": 0, "/hand": 7 * MS}
-    messages = sorted((stamp + late[topic], topic, raw) for topic, stamp, raw in told())
-    for now in range(T0, T0 + SECOND // 2, 10 * MS):
-        while messages and messages[0][0] <= now:
-            _, topic, raw = messages.pop(0)
-            other.receive(topic, raw, now)
-        other.tick(now)
-    assert other.simulator.steps == one.simulator.steps
-    assert np.array_equal(one.simulator.cable.state, other.simulator.cable.state)

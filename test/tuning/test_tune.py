@@ -316,6 +316,8 @@ def test_cables_of_a_net_are_refined_in_proportion_and_all_compared():
     scene, u = harness(), (0.0, 0.5, 1.0)
     finer = Setting("energy_momentum", 15, 5e-3).applied(scene)
     assert [one.scene.discretization.control_points for one in finer.strands] == [15, 11, 13, 7]
+    coarse = Setting("energy_momentum", 5, 5e-3).applied(scene)  # a single span may be too few
+    assert [one.scene.discretization.control_points for one in coarse.strands] == [5, 5, 5, 5]
     own = Setting("energy_momentum", 9, 5e-3)
     assert own.applied(scene) == scene.with_values(own.values)
     softer = scene.with_values({"cables.c.cable.diameter": 0.02, "cables.c.start.clamped": True})

@@ -1,6 +1,6 @@
 """Time of a step of nets against their control points, and of a harness against one cable.
 
-    python test/benchmarks/harnesses.py [REPEATS]
+    python test/benchmarks/net_cost.py [REPEATS]
 
 Prints, for a cable with three branches, microseconds and force evaluations per step with 20 to 2000
 control points, the exponent of the time, and its ratio to a single cable with as many.
