@@ -44,6 +44,7 @@ class FakeSimulator:
         n = scene.discretization.control_points or 5
         self.greville = np.linspace(0.0, scene.cable.length, n)
         self._place()
+        self.curves, self.points = {"cable": self}, self.centerline
         FakeSimulator.built.append(self)
 
     def _place(self) -> None:
@@ -83,7 +84,10 @@ class FakeSimulator:
     def curvature(self, u: ArrayLike) -> Array:
         return 3.0 * np.asarray(u)
 
-    def control_poses(self, out: Array) -> None:
+    def strand(self, name: str) -> FakeSimulator:
+        return self.curves[name]
+
+    def control_poses(self, out: Array, strand: str = "cable") -> None:
         out[:, :3] = self.control_points[:, :3]
         out[:, 3:] = 0.0, 0.0, 0.0, 1.0
 

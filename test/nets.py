@@ -3,7 +3,7 @@
 import numpy as np
 import scipy.linalg
 
-from dlo_sim.core import mass
+from dlo_sim.core import bspline, mass
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 
@@ -73,12 +73,16 @@ def system(sim):
 
 def frequencies(sim, count, still=()):
     """Lowest angular frequencies [rad/s] of the present shape; `still`: lines that do not move."""
+    return np.sqrt(np.maximum(second_variation(sim, still), 0.0))[:count]
+
+
+def second_variation(sim, still=()):
+    """Squares of all angular frequencies of the present shape, rising; negative: unstable."""
     K, M, B = system(sim)
     size, lines = len(K), sim.model.lines
     B = np.vstack([B, *(np.eye(size)[line::lines] for line in still)])
     free = scipy.linalg.null_space(B)
-    values = scipy.linalg.eigh(free.T @ K @ free, free.T @ M @ free, eigvals_only=True)
-    return np.sqrt(np.maximum(values, 0.0))[:count]
+    return scipy.linalg.eigh(free.T @ K @ free, free.T @ M @ free, eigvals_only=True)
 
 
 def momenta(sim):
@@ -86,3 +90,16 @@ def momenta(sim):
     x, v = sim.cable.points[:, :3], sim.velocities[:, :3]
     pushed = mass.multiply(sim.model.mass(0), v)
     return pushed.sum(axis=0), np.cross(x, pushed).sum(axis=0)
+
+
+def spinning(sim, turning, velocity):
+    """Control points, and their velocities in a motion as one body about their mean."""
+    points, rates = sim.cable.points, np.zeros_like(sim.cable.points)
+    rates[:, :3] = np.cross(turning, points[:, :3] - points[:, :3].mean(axis=0)) + velocity
+    for part in sim.model.parts:
+        knots, own = part.model.knots, points[part.here, :3]
+        column, slopes = bspline.active_basis(knots, bspline.greville(knots), 1)
+        tangents = [s @ own[c : c + 4] for c, s in zip(column, slopes, strict=True)]
+        if sim.model.twist:
+            rates[part.here, 3] = [t @ turning / np.linalg.norm(t) for t in np.array(tangents)]
+    return points, rates

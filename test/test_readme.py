@@ -139,15 +139,25 @@ def test_table_of_topics_is_complete(node_page):
             "outputs.tf": True,
             "outputs.capsules": 10,
             "forecast.processes": 1,
-            "measured.type": "point_cloud",
             "obstacles.names": ["floor"],
-            "contact.markers": 1,
+            "branches.names": ["lamp"],
+            "branches.lamp.end.fixed": [True, True, True],
+            "branches.lamp.end.pose_topic": "~/hand/pose",
+            "cables.names": ["rope"],
+            "cables.rope.end.fixed": [True, True, True],
+            "connectors.names": ["plug"],
+            "connectors.plug.mass": 0.1,
+            "connectors.plug.inertia": [1e-5] * 3,
+            "connectors.plug.shape": "sphere",
+            "connectors.plug.size": [0.1, 0.0, 0.0],
         }
     )
-    listened = (*input_topics(scene), *plan_topics(scene))
+    alone = scene_from_values({"measured.type": "point_cloud", "contact.markers": 1})
+    listened = (*input_topics(scene), *plan_topics(scene), *input_topics(alone))
     wanted = {(entry.topic, "in", entry.type) for entry in listened}
     wanted |= {(topic, "out", kind) for topic, kind in output_topics(scene).items()}
-    wanted = {(re.sub("hand|camera", "<name>", topic), *more) for topic, *more in wanted}
+    names = "hand|camera|lamp|rope|plug"
+    wanted = {(re.sub(names, "<name>", topic), *more) for topic, *more in wanted}
     shown = set()
     for names, direction, kind, meaning in table_rows(section(node_page, "Topics")):
         shown |= {(name, direction, kind) for name in named(names)}

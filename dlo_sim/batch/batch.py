@@ -41,7 +41,8 @@ class BatchResult:
 
     Attributes:
         time: of the samples [s], shape (T,).
-        control_points: x, y, z [m] and theta [rad], shape (scenes, T, n_u, 4). After a scene's last
+        control_points: x, y, z [m] and theta [rad], shape (scenes, T, n_u, 4), of nets as
+            `Simulator.control_points`. After a scene's last
             good state that state is repeated, so every number is finite.
         samples: how many of the T samples are no repetitions, shape (scenes,).
         energy: kinetic and potential [J], shape (scenes, T), as `Recording.energy`.
@@ -109,6 +110,11 @@ def simulate_batch(
     opened = open_workers(scheduler, processes) if workers is None else nullcontext(workers)
     with opened as crew:
         runs = list(crew.map(partial(_run, duration, every), asked))
+    for k, run in enumerate(runs):
+        (_, here, _), (_, count, _) = (one["control_points"].shape for one in (run, runs[0]))
+        if here != count:
+            what = f"scene {k} has {here} control points with those of bodies, scene 0 has {count}"
+            raise ValueError(f"{what}; give nets with the same joints and connectors")
     entries: dict[str, Any] = {name: np.array([run[name] for run in runs]) for name in runs[0]}
     for name in ("status", "message", "method"):
         entries[name] = tuple(run[name] for run in runs)
@@ -124,23 +130,35 @@ def _check(scenes: Sequence[Scene], duration: float, every: float) -> None:
 
 
 def _alike(scenes: Sequence[Scene]) -> list[Scene]:
-    """The scenes with one number of control points: those that leave it open get the number that
-    others ask for, or else the largest that is chosen for one of them.
+    """The scenes with one number of control points, of each cable of a net: those that leave it
+    open get the number that others ask for, or else the largest that is chosen for one of them.
 
     Raises:
-        ValueError: scenes ask for different numbers.
+        ValueError: scenes ask for different numbers, or have other cables.
     """
-    numbers = [scene.discretization.control_points for scene in scenes]
-    count = max(numbers) or max(
-        resolved(scene)[0].discretization.control_points for scene in scenes
-    )
-    for k, number in enumerate(numbers):
-        if number not in (0, count):
-            raise ValueError(
-                f"scene {k} has {number} control points, scene {numbers.index(count)} has {count}; "
-                "give scenes of one number of control points"
-            )
-    return [scene.with_values({"discretization.control_points": count}) for scene in scenes]
+    names = [tuple(strand.name for strand in scene.strands) for scene in scenes]
+    for k, own in enumerate(names):
+        if own != names[0]:
+            what = f"scene {k} has the cables {', '.join(own)}, scene 0 {', '.join(names[0])}"
+            raise ValueError(f"{what}; give nets of the same cables")
+    values: dict[str, object] = {}
+    for place, strand in enumerate(scenes[0].strands):
+        numbers = [_points(scene, place) for scene in scenes]
+        count = max(numbers) or max(_points(resolved(scene)[0], place) for scene in scenes)
+        for k, number in enumerate(numbers):
+            if number not in (0, count):
+                of = f" of {strand.name}" * bool(strand.key)
+                raise ValueError(
+                    f"scene {k} has {number} control points{of}, scene {numbers.index(count)} has "
+                    f"{count}; give scenes of one number of control points"
+                )
+        values[strand.key_of("discretization.control_points")] = count
+    return [scene.with_values(values) for scene in scenes]
+
+
+def _points(scene: Scene, place: int) -> int:
+    """Number of control points that a scene gives to one of its cables; 0 = open."""
+    return int(scene.strands[place].scene.discretization.control_points)
 
 
 def _each(

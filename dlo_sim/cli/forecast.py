@@ -60,7 +60,8 @@ def run(options: argparse.Namespace) -> int:
     from dlo_sim.simulation.simulator import Simulator
 
     def along(scene: "Scene") -> "Array":
-        return Simulator(scene, begin, near=simulator).forecast(plan, options.every).centerline
+        finer = Simulator(scene, begin, near=simulator)
+        return finer.forecast(plan, options.every).lines(scene)
 
     accuracy: dict[str, Any] = {"error_estimate": None, "advice": ""}
     with progress_bar("forecast"):
@@ -71,9 +72,8 @@ def run(options: argparse.Namespace) -> int:
             simulator = Simulator(scene, begin)
             found = simulator.forecast(plan, options.every)
             if scene.estimates_errors and len(found.times):
-                error, advice = error_along(
-                    simulator, found.centerline, along, found.control_points_needed
-                )
+                places, needed = found.lines(scene), found.control_points_needed
+                error, advice = error_along(simulator, places, along, needed)
                 accuracy = {"error_estimate": error.numbers, "advice": advice}
         except (PlanError, ValueError) as refusal:
             raise CommandError(str(refusal)) from None
@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
         arrays = {name: getattr(found, name) for name in ("control_points", "centerline")}
         arrays |= {"time": found.times, "centerline_u": found.u}
         arrays |= {"tension": found.tension, "curvature": found.curvature}
-        write_arrays(options.output, arrays | found.obstacles)
+        write_arrays(options.output, arrays | found.obstacles | found.net)
     if options.json:
         print_json(_summary(found, simulator, list(plan.poses)) | accuracy)
     else:
@@ -125,8 +125,8 @@ def _print_report(
         print(f"  {report.message}")
     tension = "cannot be computed from the shape of such a cable"
     if found.tension is not None:
-        tension = f"{found.peak_tension:.4g} N {_where(found, found.tension)}"
-    curvature = f"{found.largest_curvature:.4g} 1/m {_where(found, found.curvature)}"
+        tension = f"{found.peak_tension:.4g} N {_where(found, 'tension')}"
+    curvature = f"{found.largest_curvature:.4g} 1/m {_where(found, 'curvature')}"
     last = [k * (len(found.u) - 1) // (_SHOWN - 1) for k in range(_SHOWN)]
     lines = [f"u = {found.u[k]:.3f} m: {found.centerline[-1, k].round(4).tolist()}" for k in last]
     rows = {
@@ -156,7 +156,13 @@ def _contact(found: "Forecast") -> dict[str, str]:
     return {"contact": line}
 
 
-def _where(found: "Forecast", values: "Array") -> str:
-    """Time and place of the largest value."""
-    shape, point = divmod(int(values.argmax()), len(found.u))
-    return f"at {found.times[shape]:.3f} s, u = {found.u[point]:.3f} m"
+def _where(found: "Forecast", what: str) -> str:
+    """Time and place of the largest value of any cable."""
+    rows = {"": (getattr(found, what), found.u)}
+    for key in found.net:
+        of, _, name = key.rpartition(".")
+        if name == what:
+            rows[f" of {of}"] = found.net[key], found.net[f"{of}.centerline_u"]
+    of, (values, u) = max(rows.items(), key=lambda row: row[1][0].max())
+    shape, point = divmod(int(values.argmax()), len(u))
+    return f"at {found.times[shape]:.3f} s, u = {u[point]:.3f} m{of}"

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 _LARGEST_RECORDING = 2 * 1024**3  # bytes
 _SHAPES = ("control_points", "centerline", "centerline_u", "tension", "curvature")
+_CONTROLS = ".control_points"  # of a further cable of a net
 _ARRAYS = ("time", *_SHAPES, "energy")
 _REPORT = (
     *("status", "message", "simulated_s", "wall_s", "compile_s", "steps", "step_s", "method"),
@@ -63,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
         recording = record(scene, options.duration, options.every, progress=progress, tell=tell)
     if options.output is not None:
         arrays = {name: getattr(recording, name) for name in _ARRAYS}
-        write_arrays(options.output, arrays | recording.obstacles)
+        write_arrays(options.output, arrays | recording.obstacles | recording.net)
     if options.json:
         print_json({name: getattr(recording, name) for name in _REPORT})
     else:
@@ -78,8 +79,9 @@ def _check_size(scene: Scene, duration: float, every: float) -> None:
     from dlo_sim.simulation.resolution import resolved  # imports numpy
 
     samples = duration / every + 1.0
-    points = resolved(scene)[0].discretization.control_points
-    numbers = 4 * points + 5 * scene.outputs.centerline_samples + 2
+    strands = resolved(scene)[0].strands
+    points = sum(strand.scene.discretization.control_points for strand in strands)
+    numbers = 4 * points + 5 * len(strands) * scene.outputs.centerline_samples + 2
     size = 8.0 * samples * numbers
     if size > _LARGEST_RECORDING:
         cure = every * size / _LARGEST_RECORDING
@@ -123,8 +125,10 @@ def _print_report(scene: str, output: Path | None, recording: "Recording") -> No
     if recording.notes:
         rows["note"] = "\n".join(recording.notes)
     if output is not None:
-        times, points, _ = recording.control_points.shape
-        rows["output"] = f"{output} ({times} times, {points} control points)"
+        shapes = [recording.control_points.shape]
+        shapes += [one.shape for name, one in recording.net.items() if name.endswith(_CONTROLS)]
+        points = sum(shape[1] for shape in shapes)
+        rows["output"] = f"{output} ({shapes[0][0]} times, {points} control points)"
     print_rows(rows)
 
 

@@ -1,4 +1,6 @@
-"""Numbers as colours: dark blue to yellow, of evenly rising lightness (viridis, CC0)."""
+"""Numbers as colours: dark blue to yellow, of evenly rising lightness (viridis, CC0). Cables by
+colours of their own.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +19,20 @@ TABLE = (
     (0.993, 0.906, 0.144),
 )
 """Red, green, blue, 0 to 1, in equal steps from the lowest value to the highest."""
+
+STRANDS = (
+    (0.95, 0.55, 0.10),
+    (0.12, 0.47, 0.71),
+    (0.17, 0.63, 0.17),
+    (0.58, 0.40, 0.74),
+    (0.84, 0.15, 0.16),
+    (0.09, 0.75, 0.81),
+    (0.89, 0.47, 0.76),
+    (0.55, 0.34, 0.29),
+)
+"""Red, green, blue, 0 to 1, of the cables of a net, the main one first; used again beyond."""
+CONNECTOR = (0.25, 0.28, 0.35)
+"""Of connectors."""
 
 
 def colors(

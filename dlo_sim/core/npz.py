@@ -11,7 +11,7 @@ import math
 import os
 import stat
 import zipfile
-from collections.abc import Collection
+from collections.abc import Container
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
@@ -42,7 +42,7 @@ class NpzUnreadable(NpzRefused):
         self.missing = isinstance(error, FileNotFoundError)
 
 
-def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
+def read_npz(path: Path, names: Container[str] | None = None) -> dict[str, NDArray[Any]]:
     """Arrays of numbers, or of text, in an npz file, by name; `names`: only these, None = all.
 
     Raises:
@@ -56,7 +56,7 @@ def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDAr
         raise NpzUnreadable(error) from None
 
 
-def _in_file(path: Path, names: Collection[str] | None) -> dict[str, NDArray[Any]]:
+def _in_file(path: Path, names: Container[str] | None) -> dict[str, NDArray[Any]]:
     # Non-blocking, and asked once it is open: opening a pipe would wait for its other end.
     with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
         status = os.fstat(file.fileno())
@@ -73,7 +73,7 @@ def _in_file(path: Path, names: Collection[str] | None) -> dict[str, NDArray[Any
 
 
 def _arrays(
-    archive: zipfile.ZipFile, names: Collection[str] | None, room: int
+    archive: zipfile.ZipFile, names: Container[str] | None, room: int
 ) -> dict[str, NDArray[Any]]:
     """The arrays of these names, of so many bytes together."""
     members = {}

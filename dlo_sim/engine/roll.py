@@ -8,17 +8,20 @@ theta is an angle in a frame that follows the tangent in time by the smallest ro
 with tangent, director and angle T0, N0, `angle` at the end of the last step (`state.roll`), less
 than half a turn ago. The row is open by gap = theta(u) - Theta.
 
-C is the derivative at the end of a step, for the turn d omega = 1/2 sum e_i x de_i of the body:
+C is the derivative at the end of a step; where the body turns by d omega it is
     d Theta = g . d omega,   g = (T0 + T) / (1 + T0 . T).
 
 F is the discrete gradient. From the start of a step to its end the body turns by the Cayley vector
 w, de_i = w x m_i, m_i = mean(e_i), and w.T0 = w.T = 2 tan(dTheta / 2). So the torque
-    q = dTheta / (2 tan(dTheta / 2)) (T0 + T) / 2,   forces x x m_i on the directors,
-    (tr J - J) x = q,   J = sum m_i m_i^T,
-does the work q.w = dTheta; what is missing because a body is not quite rigid is added along the
-de_i. Rigid rows do no work, up to the gap that the iteration leaves. A roll that gives has the
-moment k times the mean gap; with quasistatic twist, which has no inertia, that at the end of the
-step, which dissipates k/2 (change of the gap)^2 as roll springs do (`engine.springs`).
+    q = dTheta / (2 tan(dTheta / 2)) (T0 + T) / 2
+does the work q.w = dTheta. The forces on the directors are the gradient h_i of Theta at m_i, and
+    x x m_i,   (tr J - J) x = q - sum m_i x h_i,   J = sum m_i m_i^T,
+which give this torque. What is still missing is of third order in de_i, and added along them.
+(Without h it was of first order in what strains the body, and its derivative like 1 / de_i: with a
+moment of 5e-3 N m Newton's method did not converge.) Rigid rows do no work, up to the gap that the
+iteration leaves. A roll that gives has the moment k times the mean gap; with quasistatic twist,
+which has no inertia, that at the end of the step, which dissipates k/2 (change of the gap)^2 as
+roll springs do (`engine.springs`).
 
 The moment is a couple on the body about the mean tangent, but acts on the strand through theta; the
 angular momentum is that of the twist against the Bishop frame, exact only to second order in the
@@ -116,10 +119,26 @@ def spread_torque(m, q):
 
 
 @inline
-def write(cable, roll, e, turn, more, d, twists, out):
-    """Write a row of F or C: minus the forces turn x e_i + more d_i on the directors, and, if it
-    `twists`, theta(u).
-    """
+def gradient(cable, roll, e):
+    """Derivatives of Theta by the directors e: dTheta = B . dN + (g x T) . dT, B = T x N."""
+    along, side = cable.rolls.along, cable.rolls.side
+    t, n = frame_of(cable, roll, e)
+    before, b = three(cable.state.roll[roll], TANGENT), cross(t, n)
+    a, s = in_body(e, along, roll), in_body(e, side, roll)
+    across, size = 1.0 / dot(s, n), 1.0 / np.sqrt(dot(a, a))
+    by_tangent = combined(
+        size / (1.0 + dot(before, t)), cross(before, t), -size * across * dot(s, t), b
+    )
+    return (
+        combined(side[roll, 0] * across, b, along[roll, 0], by_tangent),
+        combined(side[roll, 1] * across, b, along[roll, 1], by_tangent),
+        combined(side[roll, 2] * across, b, along[roll, 2], by_tangent),
+    )
+
+
+@inline
+def write(cable, roll, push, twists, out):
+    """Write a row of F or C: minus these forces on the directors, and, if it `twists`, theta(u)."""
     bodies, body, lines = cable.bodies, cable.rolls.body[roll], cable.lines
     for w in range(2):
         for r in range(out.shape[2]):
@@ -130,10 +149,9 @@ def write(cable, roll, e, turn, more, d, twists, out):
     origin = (bodies.point[body, 0] - first) * lines
     for i in range(3):
         at = (bodies.point[body, i + 1] - first) * lines
-        push = combined(1.0, cross(turn, e[i]), more, d[i])
         for line in range(3):
-            out[roll, 1, at + line] -= push[line] / bodies.length[body, i]
-            out[roll, 1, origin + line] += push[line] / bodies.length[body, i]
+            out[roll, 1, at + line] -= push[i][line] / bodies.length[body, i]
+            out[roll, 1, origin + line] += push[i][line] / bodies.length[body, i]
 
 
 @kernel(void, CABLE, LINES, LINES, boolean, terms=ROLLED)
@@ -146,24 +164,35 @@ def set_rolls(cable, x0, x1, twists):
         body, before = cable.rolls.body[roll], three(cable.state.roll[roll], TANGENT)
         e0, e1 = directors(cable, body, x0), directors(cable, body, x1)
         t, n = frame_of(cable, roll, e1)
-        g = combined(0.5, before, 0.5, t)
-        share = 0.5 / (0.5 * (1.0 + dot(before, t)))
-        write(cable, roll, e1, combined(share, g, 0.0, g), 0.0, e1, twists, work.roll_condition)
+        write(cable, roll, gradient(cable, roll, e1), twists, work.roll_condition)
         turn = turned_since(cable, roll, t, n) - turned_from(cable, roll, e0)
         half = 0.5 * turn
         scale = 1.0 - half * half / 3.0 if abs(half) < 1e-4 else half / np.tan(half)
         m = means(e0, e1)
-        x = spread_torque(m, combined(scale, g, 0.0, g))
+        h = gradient(cable, roll, m)
+        there = combined(1.0, cross(m[0], h[0]), 1.0, cross(m[1], h[1]))
+        there = combined(1.0, there, 1.0, cross(m[2], h[2]))
+        q = combined(0.5 * scale, before, 0.5 * scale, t)
+        x = spread_torque(m, combined(1.0, q, -1.0, there))
         d = (
             combined(1.0, e1[0], -1.0, e0[0]),
             combined(1.0, e1[1], -1.0, e0[1]),
             combined(1.0, e1[2], -1.0, e0[2]),
         )
+        f = (
+            combined(1.0, h[0], 1.0, cross(x, m[0])),
+            combined(1.0, h[1], 1.0, cross(x, m[1])),
+            combined(1.0, h[2], 1.0, cross(x, m[2])),
+        )
         square = dot(d[0], d[0]) + dot(d[1], d[1]) + dot(d[2], d[2])
-        work_done = dot(cross(x, m[0]), d[0]) + dot(cross(x, m[1]), d[1])
-        work_done += dot(cross(x, m[2]), d[2])
+        work_done = dot(f[0], d[0]) + dot(f[1], d[1]) + dot(f[2], d[2])
         more = (turn - work_done) / square if square > STILL else 0.0
-        write(cable, roll, m, x, more, d, twists, work.roll_force)
+        f = (
+            combined(1.0, f[0], more, d[0]),
+            combined(1.0, f[1], more, d[1]),
+            combined(1.0, f[2], more, d[2]),
+        )
+        write(cable, roll, f, twists, work.roll_force)
         if roll < cable.rolls.rigid_rolls:
             theta = cable.state.roll[roll, ANGLE] + turned_since(cable, roll, t, n)
             gap = twist_at(cable, roll, x1[cable.dim]) - theta
@@ -220,12 +249,11 @@ def loss(cable, x0, x1):
     return lost
 
 
-@kernel(void, CABLE, LINES, float64, boolean, LINES, terms=ROLLED, family=IMPLICIT | BETWEEN)
-def tangent(cable, x, scale, symmetric, band):
+@kernel(void, CABLE, LINES, float64, LINES, terms=ROLLED, family=IMPLICIT | BETWEEN)
+def tangent(cable, x, scale, band):
     """band += scale times the change of the forces of the rolls with the body at x, for their last
     moments f (`work.roll_predicted`), as far as these stay: the torque f T turns with the tangent,
         force on p_i = - f/2 T x e_i / l_i,   T = u / |u|,   u = sum_j along_j e_j.
-    With `symmetric` the symmetric part of it.
     """
     rolls, bodies, lines = cable.rolls, cable.bodies, cable.lines
     for roll in range(len(rolls.stiffness)):
@@ -241,14 +269,11 @@ def tangent(cable, x, scale, symmetric, band):
                     axis = (1.0 if c == 0 else 0.0, 1.0 if c == 1 else 0.0, 1.0 if c == 2 else 0.0)
                     turn = combined(1.0, axis, -component(t, c), t)
                     column = cross(combined(rolls.along[roll, j] / size, turn, 0.0, t), e[i])
-                    if i == j and not symmetric:
+                    if i == j:
                         column = combined(1.0, column, 1.0, cross(t, axis))
-                    half = 0.5 * share if symmetric else share
                     for r in range(3):
-                        value = half * component(column, r)
+                        value = share * component(column, r)
                         add_between(bodies.point[body], i + 1, j + 1, r, c, lines, value, band)
-                        if symmetric:
-                            add_between(bodies.point[body], j + 1, i + 1, c, r, lines, value, band)
 
 
 # -- rigid rolls ---------------------------------------------------------------------------------
@@ -274,14 +299,14 @@ def predict(cable, share):
         work.roll_predicted[roll] = before - work.border_share[begin + roll]
 
 
-@kernel(void, CABLE, terms=ROLLED, family=IMPLICIT)
+@kernel(void, CABLE, terms=ROLLED, family=IMPLICIT | BETWEEN)
 def recall(cable):
     """Predict the moments that the last step had."""
     for roll in range(cable.rolls.rigid_rolls):
         cable.work.roll_predicted[roll] = cable.state.roll[roll, MOMENT]
 
 
-@kernel(void, CABLE, terms=ROLLED, family=IMPLICIT)
+@kernel(void, CABLE, terms=ROLLED, family=IMPLICIT | BETWEEN)
 def keep_moments(cable):
     """Keep the predicted moments for the next step."""
     for roll in range(cable.rolls.rigid_rolls):

@@ -42,6 +42,8 @@ EVALUATIONS, FEW = 40, 20  # steps of a stage, at most, and of a fit that goes o
 GAIN = 1e-3  # relative gain in the cost below which a stage ends
 STARTS = ((-3.0, 0.0), (-1.5, 0.0), (0.0, 0.0), (1.5, 0.0), (3.0, 0.0), (0.0, 1.5), (-1.5, 1.5))
 STARTED = ("cable.bending_stiffness", "damping.stiffness")
+HARNESS = ("cable.bending_stiffness", "cable.torsional_stiffness", "damping.bend", "damping.twist")
+HARNESS_STARTS = tuple((one, one, two, two) for one in (0.0, 1.5, 3.0) for two in (0.0, 1.5, 3.0))
 TWISTED = ("cable.torsional_stiffness", "cable.bending_stiffness")
 # Unknowns for which a stage that has the first of them looks for a better start in a grid.
 GRIDS: tuple[tuple[tuple[str, ...], tuple[tuple[float, ...], ...]], ...] = (
@@ -167,9 +169,11 @@ class _Run:
         self._expected = len(STARTS) + float(EVALUATIONS * (stages + 1).sum())
 
     def best_start(self) -> Array:
-        """The best of a grid in the first two numbers, about the scene's own."""
+        """The best of a grid in stiffness and damping, about the scene's own."""
         own = self.problem.start()
         every = np.ones(len(own), dtype=bool)
+        if self.problem.scene.branches:
+            return self.best(own, every, HARNESS, HARNESS_STARTS)
         return self._with_best_delays(self.best(own, every, STARTED, STARTS))
 
     def best(
@@ -187,7 +191,11 @@ class _Run:
         return points[int(np.argmin([_cost(error) for error in self._all(points)]))]
 
     def in_proportion(self, seen: Array, joining: Mask) -> Array:
-        """With the torsional stiffness, where it joins, changed as the bending stiffness was."""
+        """With the torsional stiffness, where it joins, changed as the bending stiffness was; in
+        the grid of a harness it was.
+        """
+        if self.problem.scene.branches:
+            return seen
         labels = np.array([one.label for one in self.problem.unknowns])
         torsion, bending = (labels == name for name in TWISTED)
         changed = (seen - self.problem.start())[bending].sum()  # 0 where it is not fitted

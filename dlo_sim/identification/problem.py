@@ -17,7 +17,7 @@ from dlo_sim.scene.description import Scene, scene_values
 
 Array = NDArray[np.float64]
 BETWEEN = 0.05  # [s] between frames that are compared: markers of a cable hardly move on their own
-POINTS = 7  # of the natural curvature
+POINTS, POINTS_OF_HARNESS = 7, 4  # of the natural curvature
 MARKER, FORCE = 0.02, 0.3  # [m], [N], errors beyond which a measurement counts less
 MARKER_NOISE, FORCE_NOISE = 0.1, 0.3  # of these
 YIELD, HARDENING = "plasticity.yield_curvature", "plasticity.hardening"
@@ -72,7 +72,8 @@ class Unknown:
 def unknowns_of(scene: Scene, recording: Measurement) -> tuple[Unknown, ...]:
     """All that can be fitted to a scene from markers, or from forces."""
     length, mu, markers = scene.cable.length, scene.cable.mu, recording.forces is None
-    single = not scene.branches
+    if scene.branches:
+        return tuple(_of_harness(scene))
     twisting = int(markers)  # with the natural curvature, by which twist moves markers
     material = (
         Unknown("cable.bending_stiffness", 1.0, 6.0, log=True, least=1e-4 * mu),
@@ -98,33 +99,39 @@ def unknowns_of(scene: Scene, recording: Measurement) -> tuple[Unknown, ...]:
         ),
         *(
             Unknown(
-                "cable.rest_curvature_2", 2.0 / length, 20.0 / length, at=k, stage=2, extra=single
+                "cable.rest_curvature_2", 2.0 / length, 20.0 / length, at=k, stage=2, extra=True
             )
             for k in range(POINTS)
         ),
         *(Unknown("cable.rest_curvature_axis", 0.5, 1.0, at=k, stage=2) for k in (0, 2)),
-        *(
-            Unknown(f"{end}.offset", 0.005, 0.03, at=0, stage=2)
-            for end, holder in scene.ends.items()
-            if single or holder.held
-        ),
-        *_of_branches(scene),
+        *(Unknown(f"{end}.offset", 0.005, 0.03, at=0, stage=2) for end in ("start", "end")),
     )
 
 
-def _of_branches(scene: Scene) -> Iterator[Unknown]:
-    """What is fitted of branches. Where all lie around the main cable follows from the first frames
-    and from the curvature of that, so that the first one stays where it is drawn.
+def _of_harness(scene: Scene) -> Iterator[Unknown]:
+    """What is fitted of a cable with branches. All lie around the main cable as the first frames
+    and its curvature say, so that the first branch stays where it is drawn, and the others turn
+    about the cable against it. Lengths and the other angles follow from the mean shape.
     """
+    cable, turned = scene.cable, 0.2
+    for key in ("cable.bending_stiffness", "cable.torsional_stiffness"):
+        yield Unknown(key, 1.0, 6.0, log=True, least=1e-4 * cable.mu)
+    for key in ("damping.bend", "damping.twist"):
+        yield Unknown(key, 1.0, 6.0, log=True, least=0.03)
+    yield Unknown("damping.air_drag", 0.2 * cable.mu, 5.0 * cable.mu, least=0.0)
     for number, branch in enumerate(scene.branches):
         key, mu = f"branches.{branch.name}", branch.cable.mu
-        yield Unknown(f"{key}.cable.linear_density", 0.3, 2.0, log=True, least=1e-3 * mu, stage=1)
+        yield Unknown(f"{key}.cable.linear_density", 0.3, 2.0, log=True, least=1e-3 * mu)
         yield Unknown(
-            f"{key}.cable.bending_stiffness", 1.0, 3.0, log=True, least=1e-4 * mu, stage=2
+            f"{key}.cable.bending_stiffness", 1.0, 3.0, log=True, least=1e-4 * mu, extra=True
         )
         for k in range(3):
-            if k != ACROSS or number:
-                yield Unknown(f"{key}.direction", 0.2, 1.0, at=k, stage=1)
+            across = k == ACROSS
+            if number or not across:
+                yield Unknown(f"{key}.direction", turned, 1.0, at=k, stage=1, extra=not across)
+    for key in ("cable.rest_curvature", "cable.rest_curvature_2"):
+        for k in range(POINTS_OF_HARNESS):
+            yield Unknown(key, 2.0 / cable.length, 20.0 / cable.length, at=k, stage=1)
 
 
 def plastic(scene: Scene) -> Scene:
@@ -137,10 +144,15 @@ def plastic(scene: Scene) -> Scene:
 def prepared(scene: Scene) -> Scene:
     """The scene with its derived values as numbers and its curvature as a list, to be changed.
 
-    Branches as soft as the main cable become stiffer: those of recorded harnesses hardly bend.
+    Branches as soft as the main cable become stiffer: those of recorded harnesses hardly bend. With
+    branches, what is damped is bending and twist: damped stretching only makes steps slower.
     """
-    cable, at = scene.cable, np.linspace(0.0, 1.0, POINTS)
+    cable, damping = scene.cable, scene.damping
+    at = np.linspace(0.0, 1.0, POINTS_OF_HARNESS if scene.branches else POINTS)
     branches: dict[str, object] = {}
+    if scene.branches:
+        branches = {f"damping.{one}": 0.0 for one in ("stiffness", "stretch")}
+        branches |= {"damping.bend": damping.internal[1], "damping.twist": damping.internal[2]}
     for branch in scene.branches:
         key, own = f"branches.{branch.name}.cable", branch.cable
         stiffer = STIFFER if own.EI == cable.EI else 1.0

@@ -34,6 +34,7 @@ RANGES = {"rate_hz": (0.1, 1e5), "length_m": (0.01, 1e3), "mass_g": (1e-3, 1e5)}
 NPZ_KEYS = ("pos_um", "rate_hz", "clamped", "length_m", "mass_g")
 # Of a harness, whose length and mass need not be known.
 HARNESS_KEYS = ("pos_um", "rate_hz", "clamped", "branch", "attached_to")
+CONTROL_POINTS = 11  # of the main cable of a harness
 DOUBT = 2.0  # ratio of `length_m` and the length along the markers from which one is wrong
 
 
@@ -135,7 +136,8 @@ def _pieces(
         if length_m is not None and mass_g is not None:
             known["cable.linear_density"] = 1e-3 * mass_g / length_m
         if attached:
-            known["branches.names"] = [*attached]
+            known |= {"branches.names": [*attached], "terms.twist": "bishop"}
+            known["discretization.control_points"] = CONTROL_POINTS
         on, shares, markers = [MAIN] * len(free), [share[k] for k in free], [main[:, :, free]]
         for branch, k in attached.items():
             if k not in free:

@@ -469,7 +469,7 @@ def newton_matrix(cable, t0, tau, a, discrete):
     add_springs(cable, 0.5, matrix)
     slide_tangent(cable, YES, work.start, state.x, 1.0, matrix)
     add_load_stiffness(cable, middle, t0 + 0.5 * tau, 0.5, matrix)
-    roll.tangent(cable, middle, 0.5, NO, matrix)
+    roll.tangent(cable, middle, 0.5, matrix)
     hold(cable, work.middle_direction, state.direction, matrix)
     set_roll_rows(cable, work.middle_direction, state.direction)
     stiffen_border(cable, matrix)

@@ -67,7 +67,6 @@ MAX_ITERATIONS = 12
 CONVERGED, EXACT = 1e-4, 1e-12  # last correction: share of that of the step, or of the length
 # The same with twist: frames are known to a few per cent where a span bends sharply.
 LOOSE, NEAR = 1e-2, 1e-10
-SYMMETRIC = YES
 SPIN = 0.16  # of the length: radius of gyration of the twist in pseudo-time
 
 
@@ -94,6 +93,7 @@ def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
     lines = cable.lines if twist else cable.dim
     copy(x, work.start)
     clear(work.change)
+    roll.recall(cable)
     for iteration in range(1, MAX_ITERATIONS + 1):
         known = iteration > 1
         if not correct(address, pseudo, grid(guide), grid(begun), length, known, twist, rolls):
@@ -122,6 +122,7 @@ def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
             at = cable.rows.count + k
             state.anchor[at] = state.anchor_counted[at] = anchors[k]
         if last <= converged * moved or last < exact:
+            roll.keep_moments(cable)
             return iteration, moved
     return 0, 0.0
 
@@ -163,7 +164,7 @@ def correct(address, pseudo, guide, begun, length, predicted, twist, rolls):
         add_line(cable, cable.dim, cable.linear.mass[0], spin(length, pseudo), band)
     if rolls:
         keep_columns(cable)
-    roll.tangent(cable, cable.state.x, 1.0, SYMMETRIC, band)
+    roll.tangent(cable, cable.state.x, 1.0, band)
     hold(cable, directions, directions, band)
     roll.set_rolls(cable, cable.state.x, cable.state.x, twist)
     set_border(cable, directions, directions)
@@ -261,11 +262,17 @@ def add_inertia(cable, pseudo, guide):
 
 
 @inline
+def holds_roll(cable, row):
+    """Whether a grasp prescribes a twist angle by this row; else it may be between strands."""
+    return cable.rows.line[row] == cable.dim and cable.rows.grasp[row] >= 0
+
+
+@inline
 def keep_columns(cable):
     """Keep the columns of the matrix that belong to twist angles which grasps prescribe."""
     work, lines, half = cable.work, cable.lines, 4 * cable.lines - 1
     for row in range(cable.rows.count):
-        if cable.rows.line[row] == cable.dim:
+        if holds_roll(cable, row):
             c = lines * cable.points.own[cable.rows.point[row]] + cable.dim
             for r in range(cable.n * lines):
                 near = abs(c - r) <= half
@@ -281,7 +288,7 @@ def turn_held(cable, begun):
     work, theta, dim = cable.work, cable.state.x[cable.dim], cable.dim
     nudge, frame, push, answer = work.nudge, work.load, work.force, work.inertia
     for row in range(cable.rows.count):
-        if cable.rows.line[row] != dim:
+        if not holds_roll(cable, row):
             continue
         own = cable.points.own[cable.rows.point[row]]
         turn_of_frame(cable, own, frame)

@@ -25,7 +25,7 @@ from dlo_sim.scene.refusal import Refusal
 from dlo_sim.session import cdr
 from dlo_sim.session.session import Session, SessionStatus
 from dlo_sim.session.time_base import SECOND
-from dlo_sim.session.topics import DIAGNOSTICS, REACTION, input_topics, output_topics, resolved
+from dlo_sim.session.topics import DIAGNOSTICS, input_topics, output_topics, reactions, resolved
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.simulator import Simulator
@@ -237,9 +237,10 @@ class _Replay:
                 else f"{some}, {how}with the one written before them"
             )
         # Without an output only what is compared has to be computed.
-        self._wanted = None if writer is not None else [REACTION.format(end) for end in compare]
+        self._predicted_on = {end: reactions(scene)[end] for end in compare}
+        self._wanted = None if writer is not None else list(self._predicted_on.values())
         self._recordings = {resolved(topic): ForceSeries(end) for end, topic in compare.items()}
-        self._predictions = {REACTION.format(end): ForceSeries(end) for end in compare}
+        self._predictions = {topic: ForceSeries(end) for end, topic in self._predicted_on.items()}
 
     def execute(self, wanted: Mapping[str, str]) -> None:
         """Run to the end of the bag and fill the summary."""
@@ -376,7 +377,7 @@ class _Replay:
     def _compare(self) -> None:
         """Fill in the comparison of every end asked for."""
         for recording in self._recordings.values():
-            prediction = self._predictions[REACTION.format(recording.end)]
+            prediction = self._predictions[self._predicted_on[recording.end]]
             strange = recording.frames - {"", self._scene.frame_id}
             if strange:
                 self.summary.warnings.append(

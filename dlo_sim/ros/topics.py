@@ -15,7 +15,16 @@ from dlo_sim.ros.status import InputSources
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.cdr import BOOL, MARKER_ARRAY, encode_marker_delete_all
 from dlo_sim.session.outputs import OutgoingMessage
-from dlo_sim.session.topics import DIAGNOSTICS, FORECAST, MARKERS, TF, InputTopic, output_topics
+from dlo_sim.session.topics import (
+    CENTERLINE,
+    CONTROL_POLYGON,
+    DIAGNOSTICS,
+    FORECAST,
+    MARKERS,
+    TF,
+    InputTopic,
+    output_topics,
+)
 
 # What users may override. No keep_all for publishers: a slow reader would block the node.
 INPUT_POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY)
@@ -47,13 +56,14 @@ def input_qos(kind: str) -> QoSProfile:
     return QoSProfile(depth=100, reliability=reliability)
 
 
-def output_qos(topic: str) -> QoSProfile:
+def output_qos(topic: str, cables: int = 1) -> QoSProfile:
     """How an output is published: a late reader gets the newest state, a slow one never blocks the
-    node.
+    node. Lines of all cables are on one topic, a message each.
     """
     if topic in (DIAGNOSTICS, FORECAST, TF):
         return QoSProfile(depth=10)
-    return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    depth = cables if topic in (CENTERLINE, CONTROL_POLYGON) else 1
+    return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Publishers:
@@ -77,7 +87,7 @@ class Publishers:
                 self._publishers[topic] = self._node.create_publisher(
                     message_class(kind),
                     topic,
-                    output_qos(topic),
+                    output_qos(topic, len(scene.strands)),
                     qos_overriding_options=QoSOverridingOptions(OUTPUT_POLICIES),
                 )
 

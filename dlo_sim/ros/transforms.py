@@ -35,8 +35,7 @@ def transforms_of(node: Node, scene: Scene, opened: ExitStack) -> Transforms | N
     Raises SceneError as `tf2_for`.
     """
     tf2_ros = tf2_for(scene)
-    listens = set(scene.tf_keys) - {"outputs.tf"}
-    if not listens:
+    if not (scene.inputs.tf or scene.followed_frames):
         return None
     listener = _Listener(tf2_ros, node, scene.frame_id)
     opened.callback(listener.close)

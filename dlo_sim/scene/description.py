@@ -342,6 +342,7 @@ class Scene:
     def tf_keys(self) -> Names:
         """Keys of the parameters that require tf2."""
         asked: dict[str, object] = {"inputs.tf": self.inputs.tf, "outputs.tf": self.outputs.tf}
+        asked |= {f"connectors.{one.name}.frame": one.frame for one in self.connectors}
         return tuple(key for key, value in (asked | self.followed_frames).items() if value)
 
     @property
@@ -588,7 +589,7 @@ def _placement(scene: Scene) -> Conflicts:
 
 
 def _frames(scene: Scene) -> Conflicts:
-    """A frame of two end effectors, or of one and the world."""
+    """A frame of two end effectors or connectors, or of one and the world."""
     seen = {scene.frame_id: "frame_id"}
     frames = [(name, holder.frame) for name, holder in scene.holder_keys()]
     frames += [(f"connectors.{one.name}", one.frame) for one in scene.connectors]

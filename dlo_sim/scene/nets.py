@@ -12,6 +12,7 @@ from typing import Any
 
 from dlo_sim.scene.cable import Cable
 from dlo_sim.scene.holders import JOINTS, End, Holder, joint_conflicts
+from dlo_sim.scene.obstacles import Obstacle
 from dlo_sim.scene.parameter import ORIGIN, Group, Names, Vector, off_unit, parameter
 from dlo_sim.scene.refusal import Rules, nearest, refusal, shown
 
@@ -127,6 +128,15 @@ class Connector(Group):
     shape: str = parameter("none", choices=("none", "sphere", "capsule", "box"))
     size: Vector = parameter(ORIGIN, "m", (0.0, 1.0e3))
     frame: str = parameter("", read_only=True)
+
+    @property
+    def body(self) -> Obstacle:
+        """Its shape, placed in its frame."""
+        x, y, _ = self.size
+        if self.shape != "capsule":
+            return Obstacle(self.name, self.shape, self.size, self.center)
+        half = math.sqrt(0.5)  # turns z, the axis of that of an obstacle, to x
+        return Obstacle(self.name, "capsule", (y, y, x), self.center, (0.0, half, 0.0, half))
 
     def conflicts(self, key: str, scene: Any) -> Rules:
         """No mass, no inertia or that of no body, no extent."""
@@ -345,7 +355,7 @@ def ends_of(scene: Any) -> Iterator[tuple[str, str, float, End]]:
 
 
 def references(scene: Any) -> Conflicts:
-    """Names that stand for two things, or for no cable."""
+    """Names that stand for two things, or for no cable, and what nets have not."""
     seen: dict[str, str] = {}
     for group in ("grasps", "obstacles", "branches", "cables", "connectors"):
         for one in getattr(scene, group):
@@ -353,6 +363,11 @@ def references(scene: Any) -> Conflicts:
             if other != group:
                 problem = f"is a name in {other}.names too; rename one of them"
                 yield f"{group}.names", one.name, problem
+    if scene.is_net and scene.measured.type != "none":
+        problem = "corrects a single cable, not one of a net; give none"
+        yield "measured.type", scene.measured.type, problem
+    if scene.is_net and scene.discretization.knots == "graded":
+        yield "discretization.knots", "graded", "is not available for a net of cables; set uniform"
     known = (MAIN, *(one.name for one in scene.branches), *(one.name for one in scene.cables))
     for group in ("loads", "grasps", "connectors"):
         for one in getattr(scene, group):

@@ -81,10 +81,11 @@ class Outputs(Group):
             (high): tension [N] or curvature [1/m].
         points: Publish the centerline as PointCloud2 on ~/points, with x, y, z, u [m] and, if
             known, tension [N].
-        capsules: Number of capsules that together enclose the cable, published on ~/capsules for
+        capsules: Number of capsules that together enclose each cable, published on ~/capsules for
             planning scenes; 0 = none. A capsule is thicker where the cable bends inside it.
         tf: Publish the ends of the cable and the grippers of its grasps on /tf, as frames
-            `<node>/start`, `<node>/end`, `<node>/<grasp>`.
+            `<node>/start`, `<node>/end`, `<node>/<grasp>`; of a net also
+            `<node>/branches/<name>/end` and so on.
         color_range: Values at the darkest and the brightest colour, in the unit of
             outputs.color_by; two equal values = the range of the current shape.
     """

@@ -11,7 +11,12 @@ All are in the world frame `frame_id`; the stamp is the time of the state.
 - `~/points`: the centerline with u [m] and, where known, tension [N]; float64 beyond 1 km.
 - `~/capsules`: capsules that enclose the cable. `~/contacts`: obstacles, and a line along the force
   at every sample that touches (with itself, on one of the strands).
-- `/tf`: both ends of the cable with the material frame, and the end effector of each grasp.
+- `/tf`: both ends of the cable with the material frame, the end effector of each grasp, and the
+  connectors that have a frame.
+
+Of a net, `~/branches/<name>/...` and `~/cables/<name>/...` have what `~/...` has of the main cable;
+markers of all cables are on one topic, in namespaces and colours of their own. Also
+`~/connectors/<name>/pose`, and their shapes on `~/connectors`.
 """
 
 from __future__ import annotations
@@ -25,22 +30,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import rotations
-from dlo_sim.core.color_scale import colors
+from dlo_sim.core.color_scale import CONNECTOR, STRANDS, colors
 from dlo_sim.scene.description import EARTH, Obstacle, Scene
+from dlo_sim.scene.nets import MAIN, Strand
 from dlo_sim.session import cdr
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.topics import (
     CAPSULES,
     CENTERLINE,
+    CONNECTORS,
     CONTACTS,
     CONTROL_POINTS,
     CONTROL_POLYGON,
     DEFAULT_NAMING,
     MARKERS,
     POINTS,
-    REACTION,
+    POSE,
     TF,
+    of_strand,
     output_topics,
+    places,
+    reactions,
 )
 
 if TYPE_CHECKING:
@@ -48,9 +58,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_CABLE_COLOR = (0.95, 0.55, 0.1, 1.0)
 _POLYGON_COLOR = (0.3, 0.5, 0.9, 0.6)
 _BODY_COLOR, _FORCE_COLOR = (0.6, 0.6, 0.6, 0.5), (0.9, 0.1, 0.1, 1.0)
+_CONNECTOR_COLOR = (*CONNECTOR, 0.9)
 _PLATE = 1e-3  # [m], thickness of the marker of a plane
 _MARKED = "plane", "box", "sphere", "cylinder", "capsule"  # shapes that `_bodies` has markers for
 _MARKER_PERIODS = 5  # after which a marker that is not renewed disappears
@@ -69,49 +79,83 @@ class OutgoingMessage(NamedTuple):
 _Encode = Callable[["Simulator", int], bytes | None]
 
 
+class _Cable:
+    """What the messages of one cable are made with.
+
+    Attributes:
+        samples, along_capsules: material coordinates [m] of points. color: of its own.
+        poses, centerline, polygon: write messages.
+    """
+
+    def __init__(
+        self, strand: Strand, number: int, control_points: int, lifetime_ns: int, alone: bool
+    ) -> None:
+        scene, wanted = strand.scene, strand.scene.outputs
+        self.name, self.diameter, count = strand.name, scene.cable.diameter, control_points
+        self.samples = np.linspace(0.0, scene.cable.length, wanted.centerline_samples)
+        self.along_capsules = np.linspace(0.0, scene.cable.length, _FINER * wanted.capsules + 1)
+        self.color = (*STRANDS[number % len(STRANDS)], 1.0)
+        space = f"/{strand.name}" * (strand.name != MAIN)
+        polygon = _POLYGON_COLOR if alone else (*self.color[:3], _POLYGON_COLOR[3])
+        self.poses = cdr.PoseArrayEncoder(scene.frame_id, count)
+        self.centerline = cdr.LineEncoder(
+            *(scene.frame_id, f"centerline{space}", wanted.centerline_samples),
+            *(self.diameter, self.color, lifetime_ns),
+            colored=wanted.color_by != "none",
+        )
+        self.polygon = cdr.LineEncoder(
+            *(scene.frame_id, f"control_polygon{space}", count),
+            *(0.3 * self.diameter, polygon, lifetime_ns),
+        )
+
+
 class Outputs:
     """Encodes the state of one simulator.
+
+    Args:
+        control_points: numbers of those of each cable.
 
     Attributes:
         not_finite: messages withheld because a number in them was not finite.
     """
 
-    def __init__(self, scene: Scene, control_points: int, node: str = DEFAULT_NAMING.node) -> None:
-        wanted, frame, width = scene.outputs, scene.frame_id, scene.cable.diameter
-        samples, capsules = wanted.centerline_samples, wanted.capsules
-        self._lifetime = lifetime = round(_MARKER_PERIODS * SECOND / wanted.marker_rate)
+    def __init__(self, scene: Scene, *control_points: int, node: str = DEFAULT_NAMING.node) -> None:
+        frame = scene.frame_id
+        self._lifetime = round(_MARKER_PERIODS * SECOND / scene.outputs.marker_rate)
         self.not_finite = 0
         self._scene, self._node = scene, node.lstrip("/")
-        self._samples = np.linspace(0.0, scene.cable.length, samples)
-        self._along_capsules = np.linspace(0.0, scene.cable.length, _FINER * capsules + 1)
+        numbered = enumerate(zip(scene.strands, control_points, strict=True))
+        alone = len(scene.strands) == 1
+        self._cables = [_Cable(one, k, n, self._lifetime, alone) for k, (one, n) in numbered]
         self._wrench = cdr.StampedEncoder(cdr.WRENCH_STAMPED, frame)
-        self._poses = cdr.PoseArrayEncoder(frame, control_points)
-        self._centerline = cdr.LineEncoder(
-            *(frame, "centerline", samples, width, _CABLE_COLOR, lifetime),
-            colored=wanted.color_by != "none",
-        )
-        self._polygon = cdr.LineEncoder(
-            frame, "control_polygon", control_points, 0.3 * width, _POLYGON_COLOR, lifetime
-        )
+        self._pose = cdr.StampedEncoder(cdr.POSE_STAMPED, frame)
         self._fields = ["x", "y", "z", "u"] + ["tension"] * (not scene.without_tension)
         # The weight of the cable has a tenth of its length.
         self._length_per_force = 0.1 / (scene.cable.mu * EARTH)
-        encoders: dict[str, _Encode] = {
-            CONTROL_POINTS: self._encode_control_points,
-            CENTERLINE: self._encode_centerline,
-            CONTROL_POLYGON: self._encode_control_polygon,
-            POINTS: self._encode_points,
-            CAPSULES: self._encode_capsules,
-            CONTACTS: self._encode_contacts,
-            TF: self._encode_transforms,
+        encoders: dict[str, list[_Encode]] = {
+            CAPSULES: [self._encode_capsules],
+            CONTACTS: [self._encode_contacts],
+            CONNECTORS: [self._encode_connectors],
+            TF: [self._encode_transforms],
         }
+        for strand, cable in zip(scene.strands, self._cables, strict=True):
+            for topic, encode in (
+                (of_strand(CONTROL_POINTS, strand), self._encode_control_points),
+                (of_strand(POINTS, strand), self._encode_points),
+                (CENTERLINE, self._encode_centerline),
+                (CONTROL_POLYGON, self._encode_control_polygon),
+            ):
+                encoders.setdefault(topic, []).append(partial(encode, cable))
         encoders |= {
-            REACTION.format(name): partial(self._encode_reaction, name) for name in scene.holders
+            topic: [partial(self._encode_reaction, name)]
+            for name, topic in reactions(scene).items()
         }
+        for one in scene.connectors:
+            encoders[POSE.format(one.name)] = [partial(self._encode_connector, one.name)]
         self._topics = tuple(
-            (topic, message_type, encoders[topic], topic in MARKERS)
+            (topic, message_type, encode, topic in MARKERS)
             for topic, message_type in output_topics(scene).items()
-            if topic in encoders  # the others need more than the present state
+            for encode in encoders.get(topic, ())  # the others need more than the present state
         )
 
     def messages(
@@ -147,43 +191,74 @@ class Outputs:
         wrench = simulator.reaction_wrench(end)
         return self._wrench.encode(stamp_ns, wrench) if math.isfinite(sum(wrench)) else None
 
-    def _encode_control_points(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
-        simulator.control_poses(self._poses.rows)
-        return self._poses.encode(stamp_ns) if _finite(self._poses.rows) else None
+    def _encode_connector(self, name: str, simulator: Simulator, stamp_ns: int) -> bytes | None:
+        pose = np.concatenate(simulator.connector_pose(name))
+        return self._pose.encode(stamp_ns, pose) if _finite(pose) else None
 
-    def _encode_centerline(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
-        line = simulator.centerline(self._samples)
+    def _encode_control_points(
+        self, cable: _Cable, simulator: Simulator, stamp_ns: int
+    ) -> bytes | None:
+        simulator.control_poses(cable.poses.rows, cable.name)
+        return cable.poses.encode(stamp_ns) if _finite(cable.poses.rows) else None
+
+    def _encode_centerline(
+        self, cable: _Cable, simulator: Simulator, stamp_ns: int
+    ) -> bytes | None:
+        line = simulator.strand(cable.name).points(cable.samples)
         if not _finite(line):
             return None
         wanted = self._scene.outputs
         if wanted.color_by == "none":
-            return self._centerline.encode(stamp_ns, line)
+            return cable.centerline.encode(stamp_ns, line)
+        shown = {
+            one.name: getattr(simulator.strand(one.name), wanted.color_by)(one.samples)
+            for one in self._cables
+        }
         low, high = wanted.color_range
-        by_tension = wanted.color_by == "tension"
-        shown = (simulator.tension if by_tension else simulator.curvature)(self._samples)
-        shades = colors(shown, *((low, high) if high > low else ()))
-        return self._centerline.encode(stamp_ns, line, shades)
+        if not high > low:
+            all_shown = np.concatenate(list(shown.values()))
+            low, high = float(all_shown.min()), float(all_shown.max())
+        return cable.centerline.encode(stamp_ns, line, colors(shown[cable.name], low, high))
 
-    def _encode_control_polygon(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
-        points = simulator.control_points[:, :3]
-        return self._polygon.encode(stamp_ns, points) if _finite(points) else None
+    def _encode_control_polygon(
+        self, cable: _Cable, simulator: Simulator, stamp_ns: int
+    ) -> bytes | None:
+        points = simulator.strand(cable.name).control_points[:, :3]
+        return cable.polygon.encode(stamp_ns, points) if _finite(points) else None
 
-    def _encode_points(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
-        columns = [*simulator.centerline(self._samples).T, self._samples]
+    def _encode_points(self, cable: _Cable, simulator: Simulator, stamp_ns: int) -> bytes | None:
+        curve, samples = simulator.strand(cable.name), cable.samples
+        columns = [*curve.points(samples).T, samples]
         if "tension" in self._fields:
-            columns.append(simulator.tension(self._samples))
+            columns.append(curve.tension(samples))
         rows = np.stack(columns, axis=1)
         if not _finite(rows):
             return None
         return cdr.encode_point_cloud(stamp_ns, self._scene.frame_id, self._fields, rows)
 
     def _encode_capsules(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
-        line = simulator.centerline(self._along_capsules)
-        if not _finite(line):
-            return None
-        joints = line[::_FINER]
-        radii = 0.5 * self._scene.cable.diameter + _sag(line[:-1].reshape(-1, _FINER, 3), joints)
-        return self._encode_bodies("capsules", stamp_ns, capsules_of(joints, radii))
+        bodies: list[cdr.Body] = []
+        for cable in self._cables:
+            line = simulator.strand(cable.name).points(cable.along_capsules)
+            if not _finite(line):
+                return None
+            joints = line[::_FINER]
+            radii = 0.5 * cable.diameter + _sag(line[:-1].reshape(-1, _FINER, 3), joints)
+            bodies += capsules_of(joints, radii, cable.color)
+        return self._encode_bodies("capsules", stamp_ns, bodies)
+
+    def _encode_connectors(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
+        bodies: list[cdr.Body] = []
+        for one in self._scene.connectors:
+            position, turned = simulator.connector_pose(one.name)
+            if not _finite(position):
+                return None
+            if one.shape != "none":
+                body = one.body
+                place = position + rotations.rotate(turned, np.array(body.position))
+                way = rotations.multiply(turned, np.array(body.orientation))
+                bodies += _bodies(body, place, way, 0.0, _CONNECTOR_COLOR)
+        return self._encode_bodies("connectors", stamp_ns, bodies)
 
     def _encode_contacts(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         scene, bodies, lines = self._scene, [], [np.zeros((0, 3))]
@@ -212,22 +287,37 @@ class Outputs:
         return cdr.encode_bodies(self._scene.frame_id, namespace, stamp_ns, self._lifetime, bodies)
 
     def _encode_transforms(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
-        simulator.control_poses(self._poses.rows)
-        poses = {"start": self._poses.rows[0], "end": self._poses.rows[-1]}
-        poses |= {g.name: np.concatenate(simulator.end_pose(g.name)) for g in self._scene.grasps}
-        if not all(map(_finite, poses.values())):
+        scene, poses = self._scene, dict[str, Array]()
+        if scene.outputs.tf:
+            for strand, cable in zip(scene.strands, self._cables, strict=True):
+                simulator.control_poses(cable.poses.rows, cable.name)
+                ends = zip(("start", "end"), cable.poses.rows[[0, -1]], strict=True)
+                poses |= {strand.holder(end): pose for end, pose in ends}
+            poses |= {g.name: np.concatenate(simulator.end_pose(g.name)) for g in scene.grasps}
+        named = places(scene)
+        frames = {f"{self._node}/{named[name]}": pose for name, pose in poses.items()}
+        for one in scene.connectors:
+            if one.frame:
+                frames[one.frame] = np.concatenate(simulator.connector_pose(one.name))
+        if not all(map(_finite, frames.values())):
             return None
-        frames = {f"{self._node}/{name}": pose for name, pose in poses.items()}
-        return cdr.encode_transforms(stamp_ns, self._scene.frame_id, frames)
+        poses_of = {frame: pose.tolist() for frame, pose in frames.items()}
+        return cdr.encode_transforms(stamp_ns, scene.frame_id, poses_of)
 
 
-def _bodies(obstacle: Obstacle, position: Array, turned: Array, length: float) -> list[cdr.Body]:
+def _bodies(
+    obstacle: Obstacle,
+    position: Array,
+    turned: Array,
+    length: float,
+    color: cdr.Color = _BODY_COLOR,
+) -> list[cdr.Body]:
     """Markers of an obstacle at a pose; a plane is a plate of four lengths of the cable."""
     x, y, z = obstacle.size
     up = rotations.rotate(turned, np.array([0.0, 0.0, 1.0]))
 
     def body(kind: int, away: float, *extents: float) -> cdr.Body:
-        return cdr.Body(kind, _BODY_COLOR, [*(position + away * up), *turned], extents)
+        return cdr.Body(kind, color, [*(position + away * up), *turned], extents)
 
     if obstacle.shape == "plane":
         return [body(cdr.CUBE, -0.5 * _PLATE, 4.0 * length, 4.0 * length, _PLATE)]
@@ -240,7 +330,7 @@ def _bodies(obstacle: Obstacle, position: Array, turned: Array, length: float) -
     return [*caps, body(cdr.CYLINDER, 0.0, x, x, straight)] if straight else caps[:1]
 
 
-def capsules_of(joints: Array, radii: Array) -> list[cdr.Body]:
+def capsules_of(joints: Array, radii: Array, color: cdr.Color) -> list[cdr.Body]:
     """Cylinders between joints [m], shape (count + 1, 3), with radii [m], shape (count,), and a
     sphere at each joint with the larger radius of its cylinders.
     """
@@ -254,11 +344,11 @@ def capsules_of(joints: Array, radii: Array) -> list[cdr.Body]:
     thick = np.maximum(np.append(radii, 0.0), np.insert(radii, 0, 0.0))
     return [
         *(
-            cdr.Body(cdr.CYLINDER, _CABLE_COLOR, pose, (2.0 * radius, 2.0 * radius, length))
+            cdr.Body(cdr.CYLINDER, color, pose, (2.0 * radius, 2.0 * radius, length))
             for pose, radius, length in zip(poses, radii, lengths, strict=True)
         ),
         *(
-            cdr.Body(cdr.SPHERE, _CABLE_COLOR, [*joint, *cdr.NO_POSE[3:]], (2.0 * radius,) * 3)
+            cdr.Body(cdr.SPHERE, color, [*joint, *cdr.NO_POSE[3:]], (2.0 * radius,) * 3)
             for joint, radius in zip(joints, thick, strict=True)
         ),
     ]

@@ -287,14 +287,21 @@ def _bad_plan(detail: str) -> Refused:
 
 
 def _cloud(scene: Scene, forecast: Forecast, stamp_ns: int, ahead: float) -> bytes:
-    """A cloud of the points of all shapes; its field t counts from the plan's stamp [s]."""
-    fields = ["x", "y", "z", "u", "t"] + ["tension"] * (forecast.tension is not None)
+    """A cloud of the points of all shapes; its field t counts from the plan's stamp [s], and that
+    of a net has the number of the cable in its field `strand`.
+    """
+    net, fields = scene.is_net, ["x", "y", "z", "u", "t"]
+    fields += ["tension"] * (forecast.tension is not None) + ["strand"] * net
+    cables = list(forecast.cables(scene))
     shapes, points, _ = forecast.centerline.shape
-    rows = np.empty((shapes, points, len(fields)))
-    rows[..., :3], rows[..., 3] = forecast.centerline, forecast.u
-    rows[..., 4] = (forecast.times - ahead)[:, None]
-    if forecast.tension is not None:
-        rows[..., 5] = forecast.tension
+    rows = np.empty((shapes, len(cables), points, len(fields)))
+    rows[..., 4] = (forecast.times - ahead)[:, None, None]
+    for k, cable in enumerate(cables):
+        rows[:, k, :, :3], rows[:, k, :, 3] = cable.centerline, cable.u
+        if cable.tension is not None:
+            rows[:, k, :, 5] = cable.tension
+        if net:
+            rows[:, k, :, -1] = k
     return cdr.encode_point_cloud(stamp_ns, scene.frame_id, fields, rows.reshape(-1, len(fields)))
 
 
@@ -302,8 +309,9 @@ def _ghosts(scene: Scene, forecast: Forecast, stamp_ns: int, lifetime: float) ->
     """Lines of a few shapes including the last one, displayed for `lifetime` [s]."""
     count = len(forecast.times)
     chosen = np.unique(np.linspace(count - 1, -1, scene.forecast.ghosts, endpoint=False).round())
+    shapes = (cable.centerline[chosen.astype(int)] for cable in forecast.cables(scene))
     # A list of lines: each point inside a shape ends one and begins the next.
-    lines = np.repeat(forecast.centerline[chosen.astype(int)], 2, axis=1)[:, 1:-1].reshape(-1, 3)
+    lines = np.concatenate([np.repeat(one, 2, axis=1)[:, 1:-1].reshape(-1, 3) for one in shapes])
     ghosts = cdr.LineEncoder(
         *(scene.frame_id, "forecast", len(lines), scene.cable.diameter, _GHOST_COLOR),
         round(max(lifetime, 0.1) * SECOND),

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator
 from typing import TYPE_CHECKING
 
+from dlo_sim.core.bspline import ACTIVE
 from dlo_sim.scene.description import Scene, parameters_of
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import (
@@ -472,8 +473,7 @@ class Session:
             ("simulated time [s]", f"{simulator.time:.6f}"),
             ("step [s]", f"{simulator.step:.9g}"),
             ("method", simulator.method),
-            ("control points", str(len(simulator.greville))),
-            (KNOTS, _density(simulator.scene)),
+            *_spline_values(simulator),
             ("active terms", ", ".join(simulator.active_terms)),
             ("left out", left_out),
             ("warnings", "; ".join(warnings)),
@@ -501,16 +501,29 @@ class Session:
     def _follow_simulator(self) -> None:
         """Go on with a simulator that is new or has another scene."""
         scene, simulator = self.scene, self._drive.simulator
-        self._outputs = Outputs(scene, len(simulator.greville), self._naming.node)
+        self._outputs = Outputs(scene, *_counts(simulator), node=self._naming.node)
         self._pacing.configure(scene, simulator.step)
         self._marker_rate = 1e-9 * scene.outputs.marker_rate
         self._next_look = 0  # step at which the estimate may have changed
 
 
+def _spline_values(simulator: Simulator) -> Iterator[tuple[str, str]]:
+    """Number of control points, and where the knots lie; of a net as shares of each cable."""
+    if not simulator.scene.is_net:
+        yield "control points", str(len(simulator.greville))
+        yield KNOTS, _density(simulator.scene)
+        return
+    for part in simulator.model.parts:
+        inside = part.model.knots[ACTIVE:-ACTIVE] / part.length
+        yield f"control points of {part.name}", str(part.model.n)
+        yield f"knots of {part.name}", " ".join(f"{knot:.17g}" for knot in inside)
+
+
 def _tension_values(simulator: Simulator) -> Iterator[tuple[str, str]]:
     """The peak tension, and of sliding grasps their place and the tension before and after them."""
     if not simulator.scene.without_tension:
-        yield "peak tension [N]", f"{simulator.tension(simulator.greville).max():.6g}"
+        peak = max(curve.tension(curve.greville).max() for curve in simulator.curves.values())
+        yield "peak tension [N]", f"{peak:.6g}"
     for name, one in simulator.slides.items():
         yield f"{name} holds [m]", f"{one.u:.6g}"
         yield f"{name} tensions [N]", f"{one.before:.6g}, {one.after:.6g}"
@@ -534,9 +547,14 @@ def _contact_values(simulator: Simulator, contacts: Collection[Contact]) -> list
 
 def _look_at(simulator: Simulator, scene: Scene) -> None:
     """Make every output once, as the first one of each kind loads or compiles machine code."""
-    outputs = Outputs(scene, len(simulator.greville))
+    outputs = Outputs(scene, *_counts(simulator))
     outputs.messages(simulator, 0)
     simulator.energy()
+
+
+def _counts(simulator: Simulator) -> list[int]:
+    """Numbers of control points of the cables."""
+    return [len(curve.greville) for curve in simulator.curves.values()]
 
 
 def _fixed(scene: Scene) -> dict[str, object]:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import NODE_NAME
+from dlo_sim.scene.nets import Strand
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.session import cdr
 
@@ -21,6 +22,7 @@ MEASURED = "~/measured"
 OBSTACLES = "~/obstacles"
 FORECAST = "~/forecast"
 GHOSTS = "~/forecast/ghosts"
+CONNECTORS = "~/connectors"
 TF = "/tf"
 DIAGNOSTICS = "/diagnostics"
 MARKERS = {
@@ -28,9 +30,11 @@ MARKERS = {
     CONTROL_POLYGON: cdr.MARKER,
     CAPSULES: cdr.MARKER_ARRAY,
     CONTACTS: cdr.MARKER_ARRAY,
+    CONNECTORS: cdr.MARKER_ARRAY,
     GHOSTS: cdr.MARKER,
 }
 REACTION = "~/{}/reaction"
+POSE = "~/connectors/{}/pose"
 
 _POSES = {"pose": cdr.POSE_STAMPED, "two_points": cdr.POSE_ARRAY}
 _LOADS = {"wrench": cdr.WRENCH_STAMPED, "force": cdr.VECTOR3_STAMPED}
@@ -39,22 +43,53 @@ _INPUTS = {**_POSES, **_LOADS, **POINT_KINDS, "taken": cdr.BOOL, "plan": cdr.TRA
 _INPUTS["markers"] = cdr.MARKER_ARRAY
 
 
+def _transforms(scene: Scene) -> bool:
+    """Whether anything is published on tf2."""
+    return scene.outputs.tf or any(one.frame for one in scene.connectors)
+
+
+def of_strand(topic: str, strand: Strand) -> str:
+    """The topic of the main cable, or `~/branches/<name>/...` of a branch."""
+    return topic.replace("~", f"~/{strand.key.replace('.', '/')}") if strand.key else topic
+
+
+def places(scene: Scene) -> dict[str, str]:
+    """End or grasp -> its name in topics and frames: `end`, `branches/a/end`."""
+    found = {name: name for name in scene.holders}
+    for strand in (one for one in scene.strands if one.key):
+        own = strand.key.replace(".", "/")
+        found |= {strand.holder(end): f"{own}/{end}" for end in ("start", "end")}
+    return found
+
+
+def reactions(scene: Scene) -> dict[str, str]:
+    """End or grasp -> topic of its reaction."""
+    return {name: REACTION.format(place) for name, place in places(scene).items()}
+
+
 def output_topics(scene: Scene) -> dict[str, str]:
     """Topic -> ROS type of all outputs of a scene, in the order of publication."""
-    free = {REACTION.format(name) for name, holder in scene.holders.items() if not holder.held}
-    asked = {POINTS: scene.outputs.points, CAPSULES: scene.outputs.capsules, TF: scene.outputs.tf}
+    topics = reactions(scene)
+    free = {topics[name] for name, holder in scene.holders.items() if not holder.held}
+    asked = dict.fromkeys(
+        (of_strand(POINTS, strand) for strand in scene.strands), scene.outputs.points
+    )
+    asked |= {CAPSULES: scene.outputs.capsules > 0, TF: _transforms(scene)}
     asked[CONTACTS] = scene.touches or scene.touches_itself
-    asked |= dict.fromkeys((FORECAST, GHOSTS), scene.forecast.processes)
+    asked[CONNECTORS] = any(one.shape != "none" for one in scene.connectors)
+    asked |= dict.fromkeys((FORECAST, GHOSTS), scene.forecast.processes > 0)
     free |= {topic for topic, wanted in asked.items() if not wanted}
     return {topic: kind for topic, kind in possible_outputs(scene).items() if topic not in free}
 
 
 def possible_outputs(scene: Scene) -> dict[str, str]:
     """Topic -> ROS type of all outputs if the free ends were held and every output enabled."""
+    strands = scene.strands
     return {
-        CONTROL_POINTS: cdr.POSE_ARRAY,
-        **dict.fromkeys(map(REACTION.format, scene.holders), cdr.WRENCH_STAMPED),
-        POINTS: cdr.POINT_CLOUD,
+        **{of_strand(CONTROL_POINTS, strand): cdr.POSE_ARRAY for strand in strands},
+        **dict.fromkeys(reactions(scene).values(), cdr.WRENCH_STAMPED),
+        **{POSE.format(one.name): cdr.POSE_STAMPED for one in scene.connectors},
+        **{of_strand(POINTS, strand): cdr.POINT_CLOUD for strand in strands},
         TF: cdr.TF_MESSAGE,
         FORECAST: cdr.POINT_CLOUD,
         **MARKERS,

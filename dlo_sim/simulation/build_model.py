@@ -16,6 +16,7 @@ from dlo_sim.engine.contact import EARTH
 from dlo_sim.engine.span_guard import guard_stiffness
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
+from dlo_sim.scene.refusal import refusal
 from dlo_sim.scene.terms import TERMS
 from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.arrays import sizes_of, to_blocks, without_margins
@@ -44,7 +45,7 @@ def build_model(
     origin, strands = np.zeros(3) if origin is None else origin, scene.strands
     counts = _counts([strand.scene for strand in strands], needs)
     counts = counts._replace(radius=max(counts.radius, thickest(scene.connectors)))
-    cuts = cuts_of(scene)
+    knots = knots_of(scene)
     models = {
         strand.name: _model(
             strand.scene,
@@ -52,7 +53,7 @@ def build_model(
             local_geometries(strand, geometries),
             origin,
             counts,
-            cuts[strand.name],
+            knots[strand.name],
         )
         for strand in strands
     }
@@ -73,6 +74,12 @@ class _Counts(NamedTuple):
     pieces: tuple[int, int]
     segments: int
     radius: float
+
+
+def knots_of(scene: Scene) -> dict[str, Array]:
+    """Knots [m] of each strand of a scene that leaves nothing open."""
+    cuts = cuts_of(scene)
+    return {one.name: bspline.cut(_knots(one.scene), cuts[one.name]) for one in scene.strands}
 
 
 def _knots(scene: Scene) -> Array:
@@ -99,12 +106,15 @@ def _model(
     geometries: Geometries,
     origin: Array,
     counts: _Counts,
-    cuts: Sequence[float],
+    knots: Array,
 ) -> Model:
-    """Constants of one strand, as a scene of its own; `cuts`: where it may bend sharply [m]."""
-    knots = bspline.cut(_knots(scene), cuts)
+    """Constants of one strand, as a scene of its own."""
     n, axes, twist = len(knots) - bspline.ACTIVE, needs.axes, "twist" in needs
     rule = _quadrature(scene, knots)
+    if "bishop" in needs and np.count_nonzero(rule.weights) < n - 1:
+        what = "points of a single span leave twist that costs no energy"
+        cure = "give 3, or 5 control points or more"
+        raise refusal("discretization.samples", scene.discretization.samples, f"{what}; {cure}")
     holding = holding_of(scene, geometries, knots, axes, twist)
     fields = fields_of(scene, counts.radius) if "contact" in needs else ()
     sizes = sizes_of(

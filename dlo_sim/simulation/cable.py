@@ -29,6 +29,7 @@ from dlo_sim.engine.frames import control_points
 from dlo_sim.engine.grasps import ACTIVE, POSITION, START
 from dlo_sim.engine.natural_curvature import follow_to_present
 from dlo_sim.engine.plasticity import flow_to_present
+from dlo_sim.engine.roll import ANGLE
 from dlo_sim.methods import between_steps
 from dlo_sim.simulation.arrays import from_blocks, resampled, to_blocks, without_margins
 from dlo_sim.simulation.model import Model
@@ -391,7 +392,12 @@ class Cable:
         return depth
 
     def put(
-        self, points: Array, rates: Array, time: float | None = None, follow: bool = False
+        self,
+        points: Array,
+        rates: Array,
+        time: float | None = None,
+        follow: bool = False,
+        strained: Sequence[float] | None = None,
     ) -> None:
         """Set the control points (n, 4) and their velocities, and clear the history.
 
@@ -399,9 +405,11 @@ class Cable:
             time: if points between control points are held, project the configuration onto the
                 constraints at this time [s].
             follow: the natural shape, also that in the material frame, follows the cable.
+            strained: `strained_joints` before, which are kept; default: joints are not strained.
         """
         self.x[:] = self.model.to_lines(points)
         if time is not None and self.model.holding.border:
+            self._count_joints(strained)
             self.call(between_steps.place_held, time)
         self.w[:] = self.model.to_lines(rates)
         self.call(between_steps.keep_free_motion)
@@ -413,22 +421,38 @@ class Cable:
             if self.model.has(MATERIAL):
                 self.call(follow_to_present)
             self.flow()
-        self._count_joints()
+        self._count_joints(strained)
         self.open_frame()
 
-    def _count_joints(self) -> None:
-        """From now on the twist angles between strands, and between strands and bodies, count from
-        the present ones.
+    def _angles_between(self) -> Iterator[tuple[int, float, float, bool]]:
+        """Twist angles between strands and bodies, then between strands: number of the roll or row,
+        the angle, what counts as unstrained [rad], and whether the joint gives.
         """
-        arrays, theta = self.arrays, self.x[-1]
+        arrays, theta, holding = self.arrays, self.x[-1], self.model.holding
         for number, first in enumerate(arrays.rolls.first):
             angle = float(arrays.rolls.weights[number] @ theta[first : first + bspline.ACTIVE])
-            self.call(between_steps.count_roll, number, angle)
-        holding = self.model.holding
+            gives = number >= arrays.rolls.rigid_rolls
+            yield number, angle, float(arrays.state.roll[number, ANGLE]), gives
         for k, row in enumerate([*holding.rows, *holding.springs]):
             if row.grasp < 0 and holding.points[row.point].twist:
-                value = float(holding.points[row.point].values(self.model.n) @ theta)
-                arrays.state.anchor[k] = arrays.state.anchor_counted[k] = value
+                angle = float(holding.points[row.point].values(self.model.n) @ theta)
+                yield k, angle, float(arrays.state.anchor[k]), k >= len(holding.rows)
+
+    def strained_joints(self) -> list[float]:
+        """Twist angles [rad] by which joints that give are strained; 0 of rigid ones."""
+        return [gives * (angle - at_rest) for _, angle, at_rest, gives in self._angles_between()]
+
+    def _count_joints(self, strained: Sequence[float] | None) -> None:
+        """From now on the twist angles between strands, and between strands and bodies, count from
+        the present ones, at which joints are strained by these; default: by nothing.
+        """
+        state, rolls = self.arrays.state, len(self.arrays.rolls.first)
+        for which, (number, angle, _, _) in enumerate(list(self._angles_between())):
+            rest = angle - (strained[which] if strained is not None else 0.0)
+            if which < rolls:
+                self.call(between_steps.count_roll, number, rest)
+            else:
+                state.anchor[number] = state.anchor_counted[number] = rest
 
     def turn_natural(self, rows: Array, turn: Array) -> None:
         """Set the natural shape to these rows, from `to_blocks`, with their vectors turned by a

@@ -52,6 +52,11 @@ class Curve:
         return self._part.length
 
     @property
+    def bending_stiffness(self) -> float:
+        """EI [N m^2]."""
+        return self._part.model.scene.cable.EI
+
+    @property
     def control_points(self) -> Array:
         """Its control points x, y, z [m], theta [rad], world frame, shape (n_u, 4), a copy."""
         return self._part.model.in_world(self._own)
@@ -81,9 +86,11 @@ class Curve:
 
     def frames(self, u: Array, time: float) -> Array:
         """Material frames at u at time [s] as quaternions x, y, z, w, shape (len(u), 4)."""
-        poses = np.empty((len(u), 7))
-        self._write(u, time, False, poses)
-        return poses[:, 3:]
+        # They are carried from the start.
+        before = self.greville[self.greville < (u[0] if len(u) else 0.0)]
+        poses = np.empty((len(before) + len(u), 7))
+        self._write(np.concatenate([before, u]), time, False, poses)
+        return poses[len(before) :, 3:]
 
     def control_poses(self, time: float, out: Array) -> None:
         """Write every control point [m], world frame, with the material frame at its material

@@ -239,7 +239,7 @@ def error_along(
                 other = predicted(finer.scene)
                 if len(other) < len(places):
                     raise SceneError("it failed")
-                gaps = np.linalg.norm(other - places, axis=-1)
+                gaps = np.linalg.norm(other[: len(places)] - places, axis=-1)
                 found[part] = finer.factor * float(gaps.max(initial=0.0))
         except SceneError as refusal:
             found[part] = math.inf

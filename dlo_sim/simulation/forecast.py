@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments
+from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.recorder import CURVATURE, TENSION, Shapes, largest
 from dlo_sim.simulation.report import Report
 
 Array = NDArray[np.float64]
@@ -37,7 +39,8 @@ class Forecast:
 
     Attributes:
         times: of the shapes, counted from the present [s], shape (S,).
-        control_points: x, y, z [m] and theta [rad], shape (S, n_u, 4).
+        control_points: x, y, z [m] and theta [rad], shape (S, n_u, 4); of a net, as all that
+            follows, of the main cable.
         u: material coordinates [m] of the points of the centerline, shape (n_c,).
         centerline: [m], shape (S, n_c, 3). curvature: [1/m], shape (S, n_c).
         tension: [N], shape (S, n_c); None if the shape does not determine it.
@@ -47,11 +50,12 @@ class Forecast:
         warnings: `Simulator.warnings` at the end of it; among them whether the cable passed through
             itself at one of the shapes, or was bent at one too sharply for its knot spans.
         control_points_needed: number that follows such bends; 0 if the present one does.
+        net: of a net, what `Recorder.net` says of the other cables and of connectors.
     """
 
     times: Array
-    control_points: Array
     u: Array
+    control_points: Array
     centerline: Array
     curvature: Array
     tension: Array | None
@@ -59,6 +63,20 @@ class Forecast:
     obstacles: dict[str, Array] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     control_points_needed: int = 0
+    net: dict[str, Array] = field(default_factory=dict)
+
+    def cables(self, scene: Scene) -> Iterator[Shapes]:
+        """The shapes of all cables of the scene that was predicted, the main one first."""
+        own = self.u, self.control_points, self.centerline, self.curvature, self.tension
+        yield Shapes(*own)
+        for strand in scene.strands[1:]:
+            keys = ("centerline_u", "control_points", "centerline", "curvature")
+            u, points, line, curvature = (self.net[f"{strand.name}.{key}"] for key in keys)
+            yield Shapes(u, points, line, curvature, self.net.get(f"{strand.name}.{TENSION}"))
+
+    def lines(self, scene: Scene) -> Array:
+        """Points of all cables [m], one after another, shape (S, cables n_c, 3)."""
+        return np.concatenate([one.centerline for one in self.cables(scene)], axis=1)
 
     @property
     def contact(self) -> dict[str, float]:
@@ -79,13 +97,13 @@ class Forecast:
 
     @property
     def peak_tension(self) -> float | None:
-        """The largest tension of all shapes [N]."""
-        return None if self.tension is None else float(self.tension.max(initial=-math.inf))
+        """The largest tension of all shapes [N], of any cable."""
+        return largest(TENSION, self.tension, self.net)
 
     @property
     def largest_curvature(self) -> float:
-        """The largest curvature of all shapes [1/m]."""
-        return float(self.curvature.max(initial=0.0))
+        """The largest curvature of all shapes [1/m], of any cable."""
+        return max(largest(CURVATURE, self.curvature, self.net) or 0.0, 0.0)
 
 
 def checked_times(plan: Plan) -> Array:

@@ -51,7 +51,9 @@ def take_over(sim: Running, other: Running) -> None:
     sim.cable.pull(sim.time)
     sim.ends.put(points, 0.0, twists)
     sim.cable.point_grasps(0.0)
-    sim.cable.put(points, rates, 0.0)
+    strained = other.cable.strained_joints()
+    kept = strained if len(strained) == len(sim.cable.strained_joints()) else None
+    sim.cable.put(points, rates, 0.0, strained=kept)
     sim.cable.take_over_samples(other.cable)
     if sim.natural.follows and not sim.natural.equals(other.natural):
         sim.lay_natural_shape()

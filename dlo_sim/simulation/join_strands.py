@@ -68,7 +68,7 @@ def joined(
         bodies=len(layout.bodies),
         strands=len(parts),
         rolls=(rigid, len(rolls) - rigid),
-        chain_joints=len(layout.joins),
+        chain_joints=len(layout.joins) + siblings_of(layout),
         extras=groups_of(scene.connectors) * ("contact" in needs),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
@@ -97,6 +97,12 @@ def joined(
     arrays.physics = first.arrays.physics
     _Joining(model, layout, radius).fill()
     return model
+
+
+def siblings_of(layout: Layout) -> int:
+    """Number of pairs of strands that begin at the same place."""
+    places = [(one.other, one.at) for one in layout.joins]
+    return sum(places[:k].count(place) for k, place in enumerate(places))
 
 
 def sum_of_terms(models: Mapping[str, Model]) -> int:
@@ -175,12 +181,22 @@ class _Joining:
             obstacles.fill(model, self._radius, samples)
 
     def _joints(self) -> list[self_contact.Joined]:
-        """Where strands that are joined do not touch each other."""
+        """Where strands that are joined do not touch each other: until they are apart by their
+        diameter, also those that begin at the same place.
+        """
         numbers = {part.name: number for number, part in enumerate(self._parts)}
-        return [
-            self_contact.Joined((numbers[one.strand], one.u), (numbers[one.other], one.at))
-            for one in self._layout.joins
-        ]
+        places = [[(one.strand, one.u), (one.other, one.at)] for one in self._layout.joins]
+        found = [(a, b) for a, b in places]
+        for k, (one, at) in enumerate(places):
+            found += [(one, other) for other, there in places[:k] if there == at]
+        parts, joined = self._layout.parts, []
+        for (one, u), (other, v) in found:
+            ways = parts[one].drawn[:, 0], parts[other].drawn[:, 0]
+            apart = math.sqrt(max(0.5 - 0.5 * abs(float(ways[0] @ ways[1])), 1e-4))
+            thick = max(parts[name].model.scene.cable.diameter for name in (one, other))
+            beside = max(self_contact.APART, 0.5 / apart) * thick
+            joined.append(self_contact.Joined((numbers[one], u), (numbers[other], v), beside))
+        return joined
 
     def _masses(self) -> None:
         """Matrices and vectors by control point, with the bodies'."""

@@ -84,6 +84,15 @@ class Body(NamedTuple):
         """Whether it hangs on its origin."""
         return self.connector is not None and self.connector.joint == "hinged"
 
+    def pose(self, points: Array) -> Array:
+        """Position [m] and quaternion x, y, z, w where its control points are (..., 4, 3), shape
+        (..., 7).
+        """
+        origin = points[..., :1, :]
+        rows = np.array(self.signs)[:, None] * (points[..., 1:, :] - origin) / self.length
+        turned = [rotations.from_matrix(one.T) for one in rows.reshape(-1, 3, 3)]
+        return np.concatenate([origin[..., 0, :], np.reshape(turned, (*rows.shape[:-2], 4))], -1)
+
     def taken(self, other: Body, points: Array) -> Array:
         """Its control points where the other body has these, both (4, 3), or their velocities."""
         ratio = np.array(self.signs) * self.length / (np.array(other.signs) * other.length)

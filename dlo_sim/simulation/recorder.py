@@ -2,30 +2,39 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import bspline
+from dlo_sim.core import bspline, rotations
 from dlo_sim.core.strain import strain
 from dlo_sim.engine.arrays import Records
+from dlo_sim.scene.nets import Connector
 from dlo_sim.simulation.arrays import without_margins
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.obstacles import surface
 
 Array = NDArray[np.float64]
+
+
+TENSION, CURVATURE = "tension", "curvature"  # fields of `Shapes`
 
 
 class Shapes(NamedTuple):
     """Shapes of a cable at material coordinates u [m], shape (n_c,).
 
     Attributes:
+        control_points: x, y, z [m] and theta [rad], world frame, shape (T, n_u, 4).
         centerline: points of the cable [m], shape (T, n_c, 3). curvature: [1/m], shape (T, n_c).
         tension: [N], shape (T, n_c); None if the shape does not determine it.
     """
 
     u: Array
+    control_points: Array
     centerline: Array
     curvature: Array
     tension: Array | None
@@ -101,15 +110,57 @@ class Recorder:
         """x, y, z [m] and theta [rad] of the samples taken, world frame, shape (count, n, 4)."""
         return self.model.in_world(self.points)
 
-    def along(self) -> Shapes:
-        """The shapes of the samples taken, at outputs.centerline_samples places of the cable."""
-        main, scene = self.model.parts[0], self.model.scene
-        model, points, cable = main.model, self.points[:, main.here, :3], scene.cable
+    def along(self, number: int = 0) -> Shapes:
+        """The shapes of the samples taken, at outputs.centerline_samples places of a cable.
+
+        Args:
+            number: of the strand, 0 for the main cable.
+        """
+        part = self.model.parts[number]
+        model, points, scene = part.model, self.points[:, part.here, :3], part.model.scene
+        cable = scene.cable
         u = np.linspace(0.0, cable.length, scene.outputs.centerline_samples)
         shape = strain(model.knots, u)
         return Shapes(
             u=u,
+            control_points=self.control_points[:, part.here],
             centerline=bspline.evaluate(np.eye(model.n), model.knots, u) @ points + model.origin,
             curvature=shape.curvature(points),
             tension=None if scene.without_tension else shape.tension(points, cable.EA, cable.EI),
         )
+
+    def net(self) -> dict[str, Array]:
+        """Of a net, what a picture shows besides the main cable; empty for a single cable.
+
+        Returns:
+            `a.centerline`, `a.centerline_u` and so on: `Shapes` of the cable a. `plug.pose`:
+            position [m] and quaternion x, y, z, w of the connector plug, shape (T, 7), and
+            `plug.triangles`: of its surface in its frame [m], shape (k, 3, 3).
+        """
+        found: dict[str, Array] = {}
+        for number, part in enumerate(self.model.parts[1:], 1):
+            own = self.along(number)._asdict()
+            own["centerline_u"] = own.pop("u")
+            found |= {f"{part.name}.{key}": one for key, one in own.items() if one is not None}
+        for body in self.model.bodies:
+            if (one := body.connector) is not None:
+                poses = body.pose(self.points[:, body.points, :3])
+                poses[:, :3] += self.model.origin
+                found |= {f"{one.name}.pose": poses, f"{one.name}.triangles": drawn_body(one)}
+        return found
+
+
+def largest(what: str, own: Array | None, net: Mapping[str, Array]) -> float | None:
+    """The largest value of a field of `Shapes` over all cables; None where it is unknown."""
+    others = [values for key, values in net.items() if key.endswith(f".{what}")]
+    known = [values for values in (own, *others) if values is not None]
+    return max((float(one.max(initial=-math.inf)) for one in known), default=None)
+
+
+def drawn_body(connector: Connector) -> Array:
+    """Triangles of the surface of a connector in its frame [m], shape (k, 3, 3)."""
+    if connector.shape == "none":
+        return np.zeros((0, 3, 3))
+    body = connector.body
+    turned = rotations.rotate(np.array(body.orientation), surface(body))
+    return np.asarray(turned + body.position)

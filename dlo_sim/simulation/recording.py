@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import time
 from collections.abc import Callable
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 from dlo_sim.simulation.play import play
-from dlo_sim.simulation.recorder import Recorder
+from dlo_sim.simulation.recorder import TENSION, Recorder, largest
 from dlo_sim.simulation.remarks import look_back
 from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.selection import less_work
@@ -39,7 +38,8 @@ class Recording:
 
     Attributes:
         time: k * every [s], shape (T,).
-        control_points: x, y, z [m] and theta [rad], shape (T, n_u, 4).
+        control_points: x, y, z [m] and theta [rad], shape (T, n_u, 4); of a net, as what follows
+            up to `curvature`, of the main cable.
         centerline: points of the cable [m] at `centerline_u`, shape (T, n_c, 3).
         centerline_u: material coordinates [m], shape (n_c,).
         tension: [N] there, shape (T, n_c), None if the shape does not determine it.
@@ -66,6 +66,7 @@ class Recording:
             `total` [N], and the size of their sum `exerted` [N], `total` where they cancel, at the
             end of the run; "itself" -> the same of the cable with itself.
         obstacles: what `drawn_obstacles` says of them and of contact.
+        net: of a net, what `Recorder.net` says of the other cables and of connectors.
         slides: grasp through which the cable slides -> material coordinate `u` [m] that it holds
             at the end of the run, tension `before` and `after` it [N].
     """
@@ -98,11 +99,14 @@ class Recording:
     contacts: dict[str, dict[str, Any]] = field(default_factory=dict)
     obstacles: dict[str, Array] = field(default_factory=dict)
     slides: dict[str, dict[str, float]] = field(default_factory=dict)
+    net: dict[str, Array] = field(default_factory=dict)
 
     @property
     def peak_tension(self) -> float | None:
-        """The largest tension of the run [N]; None if the shape does not determine it."""
-        return None if self.tension is None else float(self.tension.max(initial=-math.inf))
+        """The largest tension of the run [N], of any cable; None if the shape does not determine
+        it.
+        """
+        return largest(TENSION, self.tension, self.net)
 
     @property
     def ok(self) -> bool:
@@ -149,13 +153,13 @@ def record(
     watchers = (watch,) if estimate is None else (watch, estimate)
     report = play(simulator, watch.total, recorder, watchers=watchers)
     wall_s, error_found = watch.wall, None if estimate is None else estimate.largest
-    count, control_points = recorder.count, recorder.control_points
+    count = recorder.count
     shapes = recorder.along()
     error = simulator.energy_error
     drawn = look_back(simulator, recorder, recorder.times[:count])
     return Recording(
         time=recorder.times[:count],
-        control_points=control_points,
+        control_points=shapes.control_points,
         centerline=shapes.centerline,
         centerline_u=shapes.u,
         tension=shapes.tension,
@@ -182,6 +186,7 @@ def record(
         left_out=simulator.left_out,
         notes=simulator.notes + watch.notes + _cost(estimate),
         obstacles=drawn,
+        net=recorder.net(),
         contacts={
             name: {
                 "clearance": one.clearance,

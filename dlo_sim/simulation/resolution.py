@@ -38,7 +38,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -125,7 +125,8 @@ def _resolved_net(scene: Scene) -> tuple[Scene, str]:
     values: dict[str, object] = {"discretization.knots": "uniform"}
     reasons, fewest = [], MOST
     for strand in scene.strands:
-        alone, reason = resolved(strand.scene)
+        equal = replace(strand.scene.discretization, knots="uniform")
+        alone, reason = resolved(replace(strand.scene, discretization=equal))
         reasons.append(f"{strand.name}: {reason}")
         key = strand.key_of("discretization.control_points")
         values[key] = alone.discretization.control_points
@@ -147,7 +148,10 @@ def continued(scene: Scene, before: Scene) -> Scene:
             for strand, one in zip(scene.strands, before.strands, strict=True)
             if not strand.scene.discretization.control_points
         }
-        return scene.with_values({"discretization.knots": "uniform"} | fixed)
+        kept: dict[str, object] = {"discretization.knots": "uniform", **fixed}
+        if scene.discretization.stretch == "auto":
+            kept["discretization.stretch"] = before.discretization.stretch
+        return scene.with_values(kept)
     asked, present = scene.discretization, before.discretization
     number = asked.control_points or present.control_points
     if asked.knots != "auto" or number != present.control_points:

@@ -561,8 +561,9 @@ class Running:
         cable.settle(self.time)
         before, kept = cable.present_energy(), (cable.state.copy(), cable.inputs.copy())
         lost = cable.account.dissipated
+        strained = cable.strained_joints()
         self.put_held(points, self.time)
-        cable.put(points, rates, self.time, follow=True)
+        cable.put(points, rates, self.time, follow=True, strained=strained)
         work = cable.present_energy() - before + cable.account.dissipated - lost
         if not math.isfinite(work):
             cable.state[:], cable.inputs[:] = kept
@@ -578,13 +579,13 @@ class Running:
         """Go on with other terms, grasps or added obstacles from the present state."""
         cable, points, rates = self.cable, self.cable.points, self.velocities
         pulled = dict(zip(self.model.spring_places, cable.anchors.tolist(), strict=True))
-        in_material_frame = self.model.has(MATERIAL)
+        in_material_frame, strained = self.model.has(MATERIAL), cable.strained_joints()
         self.needs = model.needs
         cable.activate(model)
         self.hold_cable()
         for k, held in enumerate(self.model.spring_places):
             cable.anchors[k] = pulled.get(held, cable.anchors[k])
-        cable.put(points, rates)
+        cable.put(points, rates, strained=strained)
         if self.model.has(MATERIAL) and not in_material_frame:
             self.lay_natural_shape()
         cable.flow()

@@ -254,9 +254,8 @@ class Simulator(Running):
         """
         bodies = {one.connector.name: one for one in self.model.bodies if one.connector}
         body = bodies[arguments.one_of("connector", name, bodies)]
-        points = self.cable.points[body.points, :3]
-        axes = np.array(body.signs) * (points[1:] - points[0]).T / body.length
-        return points[0] + self.origin, rotations.from_matrix(axes)
+        pose = body.pose(self.cable.points[body.points, :3])
+        return pose[:3] + self.origin, pose[3:]
 
     @property
     def plastic_work(self) -> float:
@@ -368,9 +367,8 @@ class Simulator(Running):
         report, recorder = future.record_along(now + times, poses, at)
         count, shapes = recorder.count, recorder.along()
         drawn = remarks.look_back(future, recorder, samples[:count])
-        points = recorder.control_points
         told = future.warnings, future.control_points_needed
-        return Forecast(samples[:count], points, *shapes, report, drawn, *told)
+        return Forecast(samples[:count], *shapes, report, drawn, *told, recorder.net())
 
     # -- loads, end effectors and obstacles -------------------------------------------------------
 
@@ -498,10 +496,11 @@ class Simulator(Running):
         Raises:
             SceneError: it is.
         """
-        diameter, length = self.scene.cable.diameter, self.scene.cable.length
-        u = np.linspace(0.0, length, obstacles.PLACES)
-        if wrong := obstacles.inside(obstacle, diameter, u, self.centerline(u)):
-            raise SceneError(f"{wrong}; move the obstacle or the cable's ends")
+        for strand, curve in zip(self.scene.strands, self.curves.values(), strict=True):
+            u = np.linspace(0.0, curve.length, obstacles.PLACES)
+            diameter = strand.scene.cable.diameter
+            if wrong := obstacles.inside(obstacle, diameter, u, curve.points(u)):
+                raise SceneError(f"{wrong}; move the obstacle or the cable's ends")
 
     def remove_obstacles(self, names: Iterable[str]) -> None:
         """Remove obstacles that `add_obstacles` added; what that takes away is their work.
@@ -569,13 +568,14 @@ class Simulator(Running):
     @property
     def slides(self) -> dict[str, Slide]:
         """What slides through which grasp."""
-        found, length, EI = {}, self.scene.cable.length, self.scene.cable.EI
-        away = 2.0 * length / (self.model.n - bspline.DEGREE)
+        found = {}
         for name in [grasp.name for grasp in self.scene.grasps if grasp.slides]:
-            u = self.held_now[name].u
+            u, curve = self.held_now[name].u, self.curve_held(name)
             if u is not None:
-                beside = np.clip([u - away, u + away], 0.0, length)
-                pulls = self.tension(beside) + 0.5 * EI * self.curvature(beside) ** 2
+                away = 2.0 * curve.length / (len(curve.greville) - bspline.DEGREE)
+                beside = np.clip([u - away, u + away], 0.0, curve.length)
+                bent = 0.5 * curve.bending_stiffness * curve.curvature(beside) ** 2
+                pulls = curve.tension(beside) + bent
                 found[name] = Slide(float(u), *pulls.tolist())
         return found
 

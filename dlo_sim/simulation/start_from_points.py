@@ -44,6 +44,8 @@ WITHIN = 1e-6, 2.0  # of the length: bounds of the median distance of the points
 IN_PLANE = 1e-9  # of the length: distance from a plane that counts as round-off
 SHORT = 1e-6  # [s] over which bodies move
 QUADRATIC = 5  # number of frames from which the motion is a parabola instead of a line
+MOST_LAST = 500  # curves that are kept
+_LAST: dict[bytes, tuple[Array, Array]] = {}
 
 
 class _Spline:
@@ -52,13 +54,14 @@ class _Spline:
     Attributes:
         held: control points that satisfy the constraints at time 0, shape (n, 3).
         free: basis of the changes that satisfy them, shape (3 n, unknowns).
-        length: rest length [m].
+        length: rest length [m]. given: all that it is made of.
     """
 
     def __init__(
         self, held: tuple[Array, Array], knots: Array, unloaded: Array | None = None
     ) -> None:
         self.knots, self.length, self._unloaded = knots, float(knots[-1]), unloaded
+        self.given = *held, knots, np.zeros(0) if unloaded is None else unloaded
         self._bend = BEND if unloaded is None else BEND_OF_BRANCH
         breaks = bspline.breaks(knots)
         rule = quadrature.gauss(breaks, SAMPLES)
@@ -153,7 +156,8 @@ def _held_rows(
         known: of joints: material coordinate, order of the derivative, and its value.
     """
     n, knots, names = part.model.n, part.model.knots, list(model.scene.holders)
-    rows, places = [np.zeros(3 * n)], [0.0]
+    rows: list[Array] = [np.zeros(3 * n)]
+    places = [0.0]
     for number, holder in enumerate(part.model.scene.holders.values(), part.grasp):
         name = names[number]
         u = model.geometries[name].u
@@ -168,7 +172,7 @@ def _held_rows(
             rows += [np.kron(slope, axis) for axis in across]
             places += [0.0, 0.0]
     for point in smooth_places(part):
-        rows += [np.kron(point.values(model.n)[part.here], axis) for axis in np.eye(3)]
+        rows += [np.asarray(np.kron(point.values(model.n)[part.here], axis)) for axis in np.eye(3)]
         places += [0.0] * 3
     for at, order, wanted in known:
         value = bspline.evaluate(np.eye(n), knots, np.array([at]), order)[0]
@@ -276,6 +280,24 @@ def _turn_of_branch(part: Part, other: Part, tangent: Array, arms: Array) -> Arr
 
 
 def _fitted(
+    spline: _Spline, scene: Scene, frames: Array, stamps: Array, coordinates: ArrayLike | None
+) -> tuple[Array, Array]:
+    """Control points and their velocities, copies of those of the last times with the same given:
+    a fit of parameters begins a thousand times at the same markers.
+    """
+    if coordinates is None:
+        return _fitted_anew(spline, scene, frames, stamps, coordinates)
+    given = *spline.given, frames, stamps, np.asarray(coordinates)
+    key = b"".join(repr(one.shape).encode() + one.tobytes() for one in given)
+    if key not in _LAST:
+        if len(_LAST) >= MOST_LAST:
+            del _LAST[next(iter(_LAST))]
+        _LAST[key] = _fitted_anew(spline, scene, frames, stamps, coordinates)
+    place, speed = _LAST[key]
+    return place.copy(), speed.copy()
+
+
+def _fitted_anew(
     spline: _Spline, scene: Scene, frames: Array, stamps: Array, coordinates: ArrayLike | None
 ) -> tuple[Array, Array]:
     place, speed = _at_zero(frames, stamps)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
+from dlo_sim.core.bspline import DEGREE
 from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene, scene_values
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.resolution import resolved
 
+FEWEST = 2  # spans of a cable of a net
 FEW = 7  # control points, of a cable with long spans
 KEYS = {
     "method": "integrator.method",
@@ -55,8 +58,18 @@ class Setting:
         return decided | {f"terms.{name}": "off" for name in self.off}
 
     def applied(self, scene: Scene) -> Scene:
-        """The scene computed with this setting; raises SceneError if it does not fit."""
-        return scene.with_values(self.values)
+        """The scene computed with this setting; raises SceneError if it does not fit.
+
+        The spans of further cables of a net are in proportion to those of the main one.
+        """
+        values = self.values
+        if len(scene.strands) > 1:
+            strands = resolved(scene)[0].strands
+            main, *spans = (one.scene.discretization.control_points - DEGREE for one in strands)
+            for strand, own in zip(strands[1:], spans, strict=True):
+                number = max(math.ceil(own * (self.control_points - DEGREE) / main), FEWEST)
+                values[strand.key_of("discretization.control_points")] = number + DEGREE
+        return scene.with_values(values)
 
     @property
     def words(self) -> str:

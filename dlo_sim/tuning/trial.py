@@ -55,8 +55,8 @@ class Trial:
     Attributes:
         step: [s]. steps: in the run. force_evaluations: in the run; Newton iterations of an
             implicit method.
-        points: positions [m] at the job's times and coordinates, shape (T, len(u), 3), up to a
-            failure.
+        points: positions [m] at the job's times and coordinates of all cables, shape
+            (T, cables len(u), 3), up to a failure.
         message: empty, or why the run failed or was refused.
         wall: least run time [s per simulated s] of the repeats; infinite where not timed.
         spread: (median - least) / least of them. repeats: their number.
@@ -111,14 +111,17 @@ def attempt(job: Job, setting: Setting, timed: bool = True, budget: float = TIME
     began = time.perf_counter()
     report = _run(simulator, job, recorder)
     took = time.perf_counter() - began
-    u = np.asarray(job.u) * job.scene.cable.length
-    basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
+    places, lines = recorder.control_points[:, :, :3], []
+    for part in simulator.model.parts:
+        u = np.asarray(job.u) * part.length
+        basis = bspline.evaluate(np.eye(part.model.n), part.model.knots, u)
+        lines.append(basis @ places[:, part.here])
     result = Trial(
         setting,
         simulator.step,
         simulator.steps,
         report.force_evaluations,
-        basis @ recorder.control_points[:, :, :3],
+        np.concatenate(lines, axis=1),
         "" if report.status.ok else report.message,
         energy_error=simulator.energy_error,
         first=took / max(simulator.time, 1e-300),

@@ -38,6 +38,11 @@ function colorOf(scale, share) {
   return `rgb(${rgb})`;
 }
 
+/** Colour of red, green and blue, 0 to 1, times a factor. */
+function shadeOf(rgb, factor = 1) {
+  return `rgb(${rgb.map((v) => Math.round(255 * Math.min(v * factor, 1)))})`;
+}
+
 /** Columns of the rotation matrix of a quaternion x, y, z, w. */
 function axesOf([x, y, z, w]) {
   const n = 2 / (x * x + y * y + z * z + w * w);
@@ -129,13 +134,22 @@ class Camera {
 class View {
   constructor(canvas, run) {
     Object.assign(this, {canvas, run, points: false, path: true, color: 0});
-    this.line = floats(run.centerline);
-    this.control = floats(run.control_points);
+    const main = {...run, values: run.colors.map((c) => c.values)};
+    this.cables = [main, ...run.others].map((one, k) => ({
+      points: one.points,
+      controls: one.controls,
+      line: floats(one.centerline),
+      control: floats(one.control_points),
+      values: one.values.map(floats),
+      color: run.names.length ? shadeOf(run.shades[k % run.shades.length]) : "#e6801a",
+    }));
+    this.line = this.cables[0].line;
     this.frames = run.frames && floats(run.frames);
-    this.colors = run.colors.map((c) => floats(c.values));
-    this.bodies = run.bodies.map((b) => ({triangles: floats(b.triangles), poses: floats(b.poses)}));
+    this.bodies = run.bodies.map((b) => ({...b, triangles: floats(b.triangles), poses: floats(b.poses)}));
     this.forces = run.forces.map(floats);
-    this.box = boxOf(this.line);
+    const boxes = this.cables.map((one) => boxOf(one.line));
+    this.box = [0, 1].map((side) => [0, 1, 2].map((k) =>
+      Math[side ? "max" : "min"](...boxes.map((box) => box[side][k]))));
     this.size = Math.max(Math.hypot(...this.box[1].map((v, k) => v - this.box[0][k])), 1e-6);
     this.home();
   }
@@ -156,12 +170,12 @@ class View {
     this.drawGround();
     if (this.path) this.drawPath(frame);
     const faces = this.facesOf(frame, share);
-    const cable = this.cableOf(frame, share, faces);
+    const cable = this.cables.flatMap((one) => this.partsOf(one, frame, share, faces));
     this.drawCable(cable.filter((part) => part.hidden));
     this.drawFaces(faces);
     this.drawCable(cable.filter((part) => !part.hidden));
     this.drawForces(frame);
-    if (this.points) this.drawPoints(frame, share);
+    if (this.points) for (const one of this.cables) this.drawPoints(one, frame, share);
     if (this.frames) this.drawFrames(frame, share);
   }
 
@@ -217,7 +231,8 @@ class View {
         const n = [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
         const lit = (n[0] * light[0] + n[1] * light[1] + n[2] * light[2]) / (Math.hypot(...n) || 1);
         const gray = Math.round(165 + 45 * lit);
-        found.push({corners, color: `rgb(${gray},${gray},${gray + 8})`, depth: a[2] + b[2] + c[2]});
+        const color = body.color ? shadeOf(body.color, 1 + 0.3 * lit) : `rgb(${gray},${gray},${gray + 8})`;
+        found.push({corners, color, depth: a[2] + b[2] + c[2]});
       }
     }
     return found.sort((a, b) => b.depth - a.depth);
@@ -258,14 +273,14 @@ class View {
     for (const {from, to, color} of parts) this.stroke(from, to, color, 5);
   }
 
-  /** The cable in pieces: ends, colour, and whether a face hides it. */
-  cableOf(frame, share, faces) {
+  /** A cable in pieces: ends, colour, and whether a face hides it. */
+  partsOf(cable, frame, share, faces) {
     const parts = [];
-    const m = this.run.points, at = between(this.line, 3 * m, frame, share);
+    const m = cable.points, at = between(cable.line, 3 * m, frame, share);
     const shown = this.run.colors[this.color];
-    const values = shown && between(this.colors[this.color], m, frame, share);
+    const values = shown && between(cable.values[this.color], m, frame, share);
     for (let k = 0; k + 1 < m; k++) {
-      let color = "#e6801a";
+      let color = cable.color;
       if (shown) {
         const value = (values[k] + values[k + 1]) / 2;
         color = colorOf(this.run.scale, (value - shown.low) / (shown.high - shown.low || 1));
@@ -278,8 +293,8 @@ class View {
     return parts;
   }
 
-  drawPoints(frame, share) {
-    const at = between(this.control, 3 * this.run.controls, frame, share);
+  drawPoints(cable, frame, share) {
+    const at = between(cable.control, 3 * cable.controls, frame, share);
     for (let k = 0; k < at.length; k += 3) {
       if (k) this.stroke(at.slice(k - 3, k), at.slice(k, k + 3), "#4d7fe566", 1);
       const [x, y] = this.camera.project(at.slice(k, k + 3), this.width, this.height);
@@ -302,7 +317,7 @@ class View {
 // ---- plots ----------------------------------------------------------------------------------
 
 /** SVG of one plot, and where its times lie: left and right edge, first and last time. */
-function plotSvg(plot, first, last) {
+function plotSvg(plot, first, last, names = [], shades = []) {
   const [width, height, left, right, top, bottom] = [1000, 150, 70, 985, 22, 128];
   const time = floats(plot.time), rows = plot.values.map((v) => floats(v.values));
   const [low, high] = plot.limits;
@@ -319,12 +334,13 @@ function plotSvg(plot, first, last) {
   for (let t = Math.ceil(first / second) * second; t <= last * (1 + 1e-9); t += second) {
     parts.push(`<text x="${x(t).toFixed(1)}" y="${bottom + 15}" font-size="11" fill="#666" text-anchor="middle">${Number(t.toPrecision(4))}</text>`);
   }
-  const colors = rows.length > 1 ? AXES : ["#444"];
+  const named = plot.values.map((v) => names.indexOf(v.name));
+  const colors = rows.length < 2 ? ["#444"] : named.includes(-1) ? AXES : named.map((k) => shades[k % shades.length]);
   rows.forEach((row, k) => {
     const points = Array.from(row, (v, i) => `${x(time[i]).toFixed(1)},${y(v).toFixed(1)}`);
-    parts.push(`<polyline points="${points.join(" ")}" fill="none" stroke="${colors[k % 3]}" stroke-width="1.5"/>`);
+    parts.push(`<polyline points="${points.join(" ")}" fill="none" stroke="${colors[k % colors.length]}" stroke-width="1.5"/>`);
     if (rows.length > 1) parts.push(
-      `<text x="${right - 60 * (rows.length - 1 - k)}" y="14" font-size="12" text-anchor="end" fill="${colors[k % 3]}">${plot.values[k].name}</text>`);
+      `<text x="${right - 60 * (rows.length - 1 - k)}" y="14" font-size="12" text-anchor="end" fill="${colors[k % colors.length]}">${plot.values[k].name}</text>`);
   });
   parts.push(`<path class="now" d="M0 ${top}V${bottom}" stroke="#222" stroke-dasharray="3 3"/>`);
   return {svg: `<svg viewBox="0 0 ${width} ${height}">${parts.join("")}</svg>`, x, left, right, width};
@@ -340,7 +356,7 @@ function start(document, run) {
   let now = first, playing = false, drawn = 0;
 
   const plots = run.plots.map((plot) => {
-    const made = plotSvg(plot, first, last), box = document.createElement("div");
+    const made = plotSvg(plot, first, last, run.names, run.shades.map((one) => shadeOf(one))), box = document.createElement("div");
     box.innerHTML = made.svg;
     get("plots").append(box);
     const svg = box.firstChild;
@@ -386,6 +402,7 @@ function start(document, run) {
     view.color = Number(get("color").value);
     const shown = run.colors[view.color];
     get("legend").hidden = !shown;
+    get("names").hidden = Boolean(shown);
     if (shown) {
       get("low").textContent = Number(shown.low.toPrecision(3));
       get("high").textContent = Number(shown.high.toPrecision(3));
@@ -395,11 +412,19 @@ function start(document, run) {
 
   get("scrub").min = first;
   get("scrub").max = last;
-  [...run.colors.map((c) => c.title), "one colour"].forEach((title, k) => {
+  const net = run.names.length > 0;
+  [...run.colors.map((c) => c.title), net ? "by cable" : "one colour"].forEach((title, k) => {
     const option = document.createElement("option");
     option.value = k;
     option.textContent = title;
     get("color").append(option);
+  });
+  if (net) get("color").value = run.colors.length;
+  run.names.forEach((name, k) => {
+    const label = document.createElement("b");
+    label.textContent = `${name} `;
+    label.style.color = view.cables[k].color;
+    get("names").append(label);
   });
   const bar = get("bar").getContext("2d");
   for (let k = 0; k < 140; k++) {

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dlo_sim.core.color_scale import TABLE
-from dlo_sim.view.run import Curve, Run
+from dlo_sim.core.color_scale import CONNECTOR, STRANDS, TABLE
+from dlo_sim.view.run import Cable, Curve, Run
 
 _MOST_FRAMES = 600
 _MOST_VALUES = 1000  # of a plotted curve
@@ -48,20 +48,35 @@ def page_data(run: Run) -> dict[str, Any]:
         "colors": [
             {
                 "title": title,
-                "low": float(values.min()),
-                "high": float(values.max()),
+                "low": run.range_of(title)[0],
+                "high": run.range_of(title)[1],
                 "values": _packed(values[kept]),
             }
             for title, values in run.colors.items()
         ],
+        "others": [_further(one, list(run.colors), kept) for one in run.others],
+        "names": [one.name for one in run.cables] if run.others else [],
+        "shades": STRANDS,
         "scale": TABLE,
         "plots": [_plot(curve) for curve in run.plots],
         "bodies": [
-            {"triangles": _packed(body.triangles), "poses": _packed(body.poses[kept])}
-            for body in run.bodies
+            {"triangles": _packed(body.triangles), "poses": _packed(body.poses[kept]), "color": own}
+            for bodies, own in ((run.bodies, None), (run.connectors, CONNECTOR))
+            for body in bodies
         ],
         "forces": [_packed(lines) for lines in run.forces],
         "looks": [] if run.looks is None else run.looks[kept].tolist(),
+    }
+
+
+def _further(cable: Cable, titles: list[str], kept: Any) -> dict[str, Any]:
+    """A cable beside the main one, with a table of values for each of these titles."""
+    return {
+        "points": cable.centerline.shape[1],
+        "centerline": _packed(cable.centerline[kept]),
+        "controls": cable.control_points.shape[1],
+        "control_points": _packed(cable.control_points[kept]),
+        "values": [_packed(cable.colors[title][kept]) for title in titles],
     }
 
 

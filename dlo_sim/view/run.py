@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,15 +16,24 @@ from dlo_sim.core.npz import NpzRefused, read_npz
 from dlo_sim.core.strain import strain
 from dlo_sim.replay.bags import Bag, BagError
 from dlo_sim.scene.description import Obstacle, Scene
+from dlo_sim.scene.nets import MAIN
 from dlo_sim.scene.refusal import Refusal, SceneError, one_line, printable
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import KNOTS
-from dlo_sim.session.topics import CONTACTS, CONTROL_POINTS, DIAGNOSTICS, REACTION, resolved
+from dlo_sim.session.topics import (
+    CONNECTORS,
+    CONTACTS,
+    CONTROL_POINTS,
+    DIAGNOSTICS,
+    REACTION,
+    resolved,
+)
 from dlo_sim.simulation import resolution
 
 Array = NDArray[np.float64]
 
 TENSION, CURVATURE = "tension [N]", "curvature [1/m]"
+_COLORS = {"tension": TENSION, "curvature": CURVATURE}
 _POINTS = 60  # of the centerline of a bag
 # Keys of the diagnostics.
 _ENERGY, _ERROR = "energy [J]", "error estimate [m]"
@@ -40,8 +50,22 @@ _ARRAYS = {
     **{"contact_points": "c3", "contact_forces": "c3", "contact_samples": "c"},
     **{"contact_looks": "l", "contact_total": "l", "contact_clearance": "l"},
 }
+# The same of each further cable of a net, `a.centerline`, and of connectors, `plug.pose`.
+_OF_CABLES = {name: _ARRAYS[name] for name in ("centerline", "control_points", *_COLORS)}
+_OF_CONNECTORS = {"pose": "T7", "triangles": "k33"}
+_LINE = ".centerline"
 _TOUCHING = [name for name in _ARRAYS if name.startswith(("obstacle", "contact"))]
+_Values = list[tuple[int, dict[str, str]]]  # stamps [ns], and the values of the diagnostics
+_GIVE = "give the scene of that run"
 _LONGEST_FORCE = 0.15  # line of the largest contact force, in extents of the run
+
+
+class _Recorded:
+    """The names of all these arrays."""
+
+    def __contains__(self, name: object) -> bool:
+        of, _, what = str(name).rpartition(".")
+        return what in (_OF_CABLES | _OF_CONNECTORS if of else _ARRAYS)
 
 
 class RunError(Refusal):
@@ -87,11 +111,23 @@ class Body:
 
 
 @dataclass(frozen=True)
+class Cable:
+    """A cable of a run: its name, and the attributes of `Run` that are of a cable."""
+
+    name: str
+    centerline: Array
+    control_points: Array
+    colors: dict[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Run:
     """The data of a run that are shown.
 
     Attributes:
         name: of the file. time: [s], shape (T,).
+        others, connectors: further cables of a net, and its connectors; the rest that is of a cable
+            is of the main one.
         centerline: points of the cable from start to end [m], shape (T, m, 3).
         control_points: [m], shape (T, n, 3).
         colors: title with the unit -> a value for each point of the centreline, shape (T, m).
@@ -113,6 +149,28 @@ class Run:
     bodies: tuple[Body, ...] = ()
     forces: tuple[Array, ...] = ()
     looks: NDArray[np.int64] | None = None
+    others: tuple[Cable, ...] = ()
+    connectors: tuple[Body, ...] = ()
+
+    @property
+    def cables(self) -> tuple[Cable, ...]:
+        """All cables, the main one first."""
+        return Cable(MAIN, self.centerline, self.control_points, self.colors), *self.others
+
+    def range_of(self, title: str) -> tuple[float, float]:
+        """Least and largest value of a colour over all cables."""
+        rows = [cable.colors[title] for cable in self.cables if title in cable.colors]
+        return float(min(map(np.min, rows))), float(max(map(np.max, rows)))
+
+    @property
+    def extent(self) -> tuple[Array, Array]:
+        """Lower and upper corner of the box in which all cables and connectors are [m]."""
+        points = [cable.centerline.reshape(-1, 3) for cable in self.cables]
+        for body in (one for one in self.connectors if len(one.triangles)):
+            reach = np.linalg.norm(body.triangles, axis=-1).max()
+            points += [body.poses[:, :3] - reach, body.poses[:, :3] + reach]
+        found = np.concatenate(points)
+        return np.nanmin(found, axis=0), np.nanmax(found, axis=0)
 
     def forces_at(self, frame: int) -> Array:
         """The lines of `forces` at one time, shape (c, 2, 3)."""
@@ -127,7 +185,11 @@ class Run:
             title = f"force on the cable at its {end} [N]"
             found.append(Curve(title, self.time, dict(zip("xyz", force.T, strict=True))))
         for title, values in self.colors.items():
-            found.append(Curve(f"largest {title}", self.time, {"largest": values.max(axis=1)}))
+            rows = {"largest": values.max(axis=1)}
+            if self.others:
+                of = ((one.name, one.colors.get(title)) for one in self.cables)
+                rows = {name: one.max(axis=1) for name, one in of if one is not None}
+            found.append(Curve(f"largest {title}", self.time, rows))
         return (*found, *self.curves)
 
 
@@ -152,7 +214,7 @@ def read_recording(path: Path) -> Run:
         RunError: it is not such a file.
     """
     try:
-        found = read_npz(path, tuple(_ARRAYS))
+        found = read_npz(path, _Recorded())
     except NpzRefused as refused:
         raise RunError(
             f"{path}: {refused}; give an npz of dlo_sim simulate, or a bag's folder"
@@ -164,17 +226,32 @@ def read_recording(path: Path) -> Run:
         found |= _checked(found)
     except (TypeError, ValueError) as refusal:
         raise RunError(f"{path}: {refusal}; make it with dlo_sim simulate") from None
-    titles = {"tension": TENSION, "curvature": CURVATURE}
+    further = [name[: -len(_LINE)] for name in found if name.endswith(_LINE)]
+    main, *others = (_cable_of(found, name) for name in ("", *further))
     run = Run(
         name=printable(path.name),
         time=found["time"],
-        centerline=found["centerline"],
-        control_points=found["control_points"][:, :, :3],
-        colors={title: found[name] for name, title in titles.items() if name in found},
+        centerline=main.centerline,
+        control_points=main.control_points,
+        colors=main.colors,
+        others=tuple(others),
+        connectors=tuple(
+            Body(found[name.replace(".pose", ".triangles")], found[name])
+            for name in found
+            if name.endswith(".pose")
+        ),
     )
     if "energy" in found:
         run = replace(run, curves=(Curve(_ENERGY, run.time, {"energy": found["energy"]}),))
     return _with_contacts(run, found) if all(name in found for name in _TOUCHING) else run
+
+
+def _cable_of(found: dict[str, Array], name: str) -> Cable:
+    """A cable of a recording; the main one has no name."""
+    of = f"{name}." if name else ""
+    shown = {title: found[of + key] for key, title in _COLORS.items() if of + key in found}
+    points = found[f"{of}control_points"][:, :, :3]
+    return Cable(printable(name) or MAIN, found[f"{of}centerline"], points, shown)
 
 
 def _with_contacts(run: Run, found: dict[str, Array]) -> Run:
@@ -190,7 +267,8 @@ def _with_contacts(run: Run, found: dict[str, Array]) -> Run:
     if near.any():
         curves.append(Curve(_CLEARANCE, time[near], {"least": clearance[near]}))
     points, forces = found["contact_points"], found["contact_forces"]
-    extent = float(np.ptp(run.centerline.reshape(-1, 3), axis=0).max())
+    low, high = run.extent
+    extent = float((high - low).max())
     sizes = np.linalg.norm(forces, axis=1)
     scale = _LONGEST_FORCE * extent / max(float(sizes.max(initial=0.0)), 1e-300)
     lines = np.stack([points, points + scale * forces], axis=1)
@@ -212,13 +290,21 @@ def _checked(found: dict[str, Array]) -> dict[str, Array]:
     """
     sizes: dict[str, int] = {}
     checked = {}
-    for name in (name for name in _ARRAYS if name in found):
-        given, shape = found[name], _ARRAYS[name]
+    shapes: dict[str, Iterable[str]] = {n: shape for n, shape in _ARRAYS.items() if n in found}
+    for of in dict.fromkeys(name.rpartition(".")[0] for name in found if "." in name):
+        own = _OF_CONNECTORS if f"{of}.pose" in found else _OF_CABLES
+        for name, shape in own.items():
+            if f"{of}.{name}" in found:
+                shapes[f"{of}.{name}"] = [x if x in "T347" else f"{x} of {of}" for x in shape]
+            elif name not in _COLORS:
+                raise ValueError(f"{printable(of)}: has no {name}")
+    for name, letters in shapes.items():
+        given = found[name]
         if name == "contact_clearance":  # infinite where the cable is far from itself
             given = np.where(given == np.inf, 0.0, given)
-        wanted = tuple(int(one) if one.isdigit() else sizes.get(one) for one in shape)
+        wanted = tuple(int(one) if one.isdigit() else sizes.get(one) for one in letters)
         checked[name] = arguments.numbers(name, given, wanted)
-        sizes |= dict(zip(shape, checked[name].shape, strict=True))
+        sizes |= dict(zip(letters, checked[name].shape, strict=True))
         if np.abs(checked[name]).max(initial=0.0) > _LARGEST:
             most = np.abs(checked[name]).max()
             raise ValueError(f"{name}: needs numbers up to {_LARGEST:g}, got {most}")
@@ -251,42 +337,28 @@ def read_bag(
     try:
         bag = Bag(path)
         node = node or _only_node(path, bag)
-        states, forces, curves, density = _read(bag, node, origin_ns)
-        shown = _contacts(bag, node)
+        states, forces, curves, told = _read(bag, node, origin_ns)
+        topics = {MAIN: f"{node}{_LAST}", **_further(bag, node)}
+        others = {one: _states(bag, topics[one]) for one in topics if one != MAIN}
+        shown, connectors = (_markers(bag, f"{node}{one[1:]}") for one in (CONTACTS, CONNECTORS))
     except (BagError, cdr.DecodeError) as error:
         raise RunError(str(error)) from None
-    poses = np.array([states[stamp] for stamp in sorted(states)])
     stamps = np.array(sorted(states))
-    if poses.shape[1] < bspline.ACTIVE:
-        raise RunError(
-            f"{path}: {node}{_LAST} holds {poses.shape[1]} control points, a cable has "
-            f"{bspline.ACTIVE} or more; give a bag of a run"
-        )
-    knots = _knots(path, scene, poses.shape[1], density)
-    u = np.linspace(0.0, knots[-1], _POINTS)
-    points = poses[:, :, :3]
-    good = np.all(np.abs(poses) <= _LARGEST, axis=(1, 2))
-    if not good.all():
-        at = (stamps[np.argmin(good)] - stamps[0]) * 1e-9
-        raise RunError(
-            f"{path}: {node}{_LAST}: the message {at:g} s after the first is not finite; "
-            "give a bag of a run that went well"
-        )
-    shape = strain(knots, u)
-    with np.errstate(all="ignore"):  # points that coincide or are far apart; refused below
-        colors = {CURVATURE: shape.curvature(points)}
-        if scene is not None and not scene.without_tension:
-            tension = shape.tension(points, scene.cable.EA, scene.cable.EI)
-            colors = {TENSION: tension, **colors}
-    n = len(knots) - bspline.ACTIVE
+    strands = _strands(path, scene, others)
+    main, *further = (
+        _in_bag(f"{path}: {topics[name]}", name, stamps, poses, strands[name], told)
+        for name, poses in {MAIN: states, **others}.items()
+    )
     origin = stamps[0] if origin_ns is None else origin_ns
     run = Run(
         name=printable(path.resolve().name),
         time=(stamps - origin) * 1e-9,
-        centerline=bspline.evaluate(np.eye(n), knots, u) @ points,
-        control_points=points,
-        colors=colors,
-        frames=poses[:, [0, -1], 3:],
+        centerline=main.centerline,
+        control_points=main.control_points,
+        colors=main.colors,
+        others=tuple(further),
+        connectors=_surroundings(stamps, connectors).get("bodies", ()),
+        frames=np.array([states[stamp] for stamp in stamps])[:, [0, -1], 3:],
         # A missing reaction is replaced by the previous one, or the first if there is none.
         reactions={end: _at(stamps, found) for end, found in forces.items() if found},
         curves=curves,
@@ -296,9 +368,65 @@ def read_bag(
     return run
 
 
+def _strands(
+    path: Path, scene: Scene | None, others: Mapping[str, object]
+) -> dict[str, tuple[Scene, Array] | None]:
+    """Cable in a bag -> its own scene and knots, if a scene is given."""
+    from dlo_sim.simulation.build_model import knots_of  # imports the compiler
+
+    if scene is None:
+        return dict.fromkeys((MAIN, *others))
+    known, _ = resolution.resolved(scene)
+    knots = knots_of(known)
+    found = {strand.name: (strand.scene, knots[strand.name]) for strand in known.strands}
+    if found.keys() != {MAIN, *others}:
+        there = ", ".join((MAIN, *others))
+        raise RunError(f"{path}: has the cables {there}, the scene {', '.join(found)}; {_GIVE}")
+    return dict(found)
+
+
+def _in_bag(
+    where: str,
+    name: str,
+    stamps: NDArray[np.int64],
+    states: dict[int, Array],
+    known: tuple[Scene, Array] | None,
+    told: _Values,
+) -> Cable:
+    """A cable from its states by their stamps."""
+    poses = _at(stamps, states)
+    if poses.shape[1] < bspline.ACTIVE:
+        raise RunError(
+            f"{where} holds {poses.shape[1]} control points, a cable has "
+            f"{bspline.ACTIVE} or more; give a bag of a run"
+        )
+    knots = _knots(told, name, poses.shape[1]) if known is None else known[1]
+    if len(knots) != poses.shape[1] + bspline.ACTIVE:
+        number = len(knots) - bspline.ACTIVE
+        raise RunError(f"{where} has {poses.shape[1]} control points, the scene {number}; {_GIVE}")
+    u = np.linspace(0.0, knots[-1], _POINTS)
+    points = poses[:, :, :3]
+    good = np.all(np.abs(poses) <= _LARGEST, axis=(1, 2))
+    if not good.all():
+        at = (stamps[np.argmin(good)] - stamps[0]) * 1e-9
+        raise RunError(
+            f"{where}: the message {at:g} s after the first is not finite; "
+            "give a bag of a run that went well"
+        )
+    shape = strain(knots, u)
+    with np.errstate(all="ignore"):  # points that coincide or are far apart; refused later
+        colors = {CURVATURE: shape.curvature(points)}
+        if known is not None and not known[0].without_tension:
+            cable = known[0].cable
+            tension = shape.tension(points, cable.EA, cable.EI)
+            colors = {TENSION: tension, **colors}
+    line = bspline.evaluate(np.eye(len(knots) - bspline.ACTIVE), knots, u) @ points
+    return Cable(name, line, points, colors)
+
+
 def _check_shown(path: Path, run: Run) -> None:
     """Refuse a run with values that are undefined or exceed 32-bit floats."""
-    shown = [(title, run.time, values) for title, values in run.colors.items()]
+    shown = [(t, run.time, values) for one in run.cables for t, values in one.colors.items()]
     shown += [(f"force at the {end} [N]", run.time, force) for end, force in run.reactions.items()]
     shown += [(one.title, one.time, rows) for one in run.curves for rows in one.values.values()]
     for title, time, values in shown:
@@ -318,6 +446,7 @@ def _only_node(path: Path, bag: Bag) -> str:
         for topic, kinds in bag.topics.items()
         if cdr.POSE_ARRAY in kinds and topic.endswith(_LAST)
     )
+    nodes = [one for one in nodes if one.rpartition("/")[0].rpartition("/")[0] not in nodes]
     if not nodes:
         raise RunError(
             f"{path}: holds no control points (PoseArray, such as {resolved(CONTROL_POINTS)}); "
@@ -330,8 +459,8 @@ def _only_node(path: Path, bag: Bag) -> str:
 
 def _read(
     bag: Bag, node: str, origin_ns: int | None
-) -> tuple[dict[int, Array], dict[str, dict[int, Array]], tuple[Curve, ...], bspline.Grading]:
-    """Poses and forces by their stamps, and curves and the grading from the diagnostics."""
+) -> tuple[dict[int, Array], dict[str, dict[int, Array]], tuple[Curve, ...], _Values]:
+    """Poses and forces by their stamps, and curves and values from the diagnostics."""
     poses = f"{node}{_LAST}"
     before, _, after = f"{node}{REACTION.removeprefix('~')}".partition("{}")
     ends = {
@@ -339,34 +468,49 @@ def _read(
         for topic in bag.topics
         if topic.startswith(before) and topic.endswith(after)
     }
-    wanted = {poses: cdr.POSE_ARRAY, DIAGNOSTICS: cdr.DIAGNOSTIC_ARRAY}
-    wanted |= dict.fromkeys(ends, cdr.WRENCH_STAMPED)
-    states: dict[int, Array] = {}
+    wanted = {DIAGNOSTICS: cdr.DIAGNOSTIC_ARRAY, **dict.fromkeys(ends, cdr.WRENCH_STAMPED)}
+    states = _states(bag, poses)
     forces: dict[str, dict[int, Array]] = {end: {} for end in ends.values()}
     told: list[tuple[int, dict[str, str]]] = []
     for message in bag.messages({t: k for t, k in wanted.items() if t in bag.topics}):
-        if message.topic == poses:
-            state = cdr.decode_pose_array(message.data)
-            states[state.stamp_ns] = state.rows
-        elif message.topic in ends:
+        if message.topic in ends:
             wrench = cdr.decode(cdr.WRENCH_STAMPED, message.data)
             forces[ends[message.topic]][wrench.stamp_ns] = np.array(wrench.values[:3])
         else:
             stamp_ns, statuses = cdr.decode_diagnostic_array(message.data)
             mine = [dict(s.values) for s in statuses if s.name == f"{node}: session"]
             told += [(stamp_ns, values) for values in mine]
+    origin = min(states) if origin_ns is None else origin_ns
+    return states, forces, tuple(_told(told, origin)), told
+
+
+def _states(bag: Bag, topic: str) -> dict[int, Array]:
+    """Poses of the control points of a cable by their stamps."""
+    states: dict[int, Array] = {}
+    for message in bag.messages({topic: cdr.POSE_ARRAY}):
+        state = cdr.decode_pose_array(message.data)
+        states[state.stamp_ns] = state.rows
     if len({len(rows) for rows in states.values()}) != 1:
         raise RunError(
-            f"{bag.path}: {poses} holds {'several cables' if states else 'no message'}; give a bag "
+            f"{bag.path}: {topic} holds {'several cables' if states else 'no message'}; give a bag "
             "of one run"
         )
-    origin = min(states) if origin_ns is None else origin_ns
-    return states, forces, tuple(_told(told, origin)), _density(told)
+    return states
 
 
-def _contacts(bag: Bag, node: str) -> dict[int, Any]:
-    """The messages on ~/contacts by their stamps."""
-    topic = f"{node}{CONTACTS.removeprefix('~')}"
+def _further(bag: Bag, node: str) -> dict[str, str]:
+    """Name of each further cable of a net, and its topic below the node."""
+    found = {}
+    for topic in sorted(bag.topics):
+        _, is_own, rest = topic.partition(f"{node}/")
+        kind, _, name = rest.removesuffix(_LAST).partition("/")
+        if is_own and rest.endswith(_LAST) and kind in ("branches", "cables") and "/" not in name:
+            found[name] = topic
+    return found
+
+
+def _markers(bag: Bag, topic: str) -> dict[int, Any]:
+    """The messages on a topic of markers by their stamps."""
     if topic not in bag.topics:
         return {}
     found = {}
@@ -378,7 +522,7 @@ def _contacts(bag: Bag, node: str) -> dict[int, Any]:
 
 
 def _surroundings(stamps: NDArray[np.int64], shown: dict[int, Any]) -> dict[str, Any]:
-    """Fields of a run from the messages on ~/contacts."""
+    """Fields of a run from the messages on ~/contacts; `bodies` also of those on ~/connectors."""
     from dlo_sim.simulation.obstacles import surface  # imports the compiler
 
     known = np.array(sorted(shown))
@@ -420,7 +564,7 @@ def _surroundings(stamps: NDArray[np.int64], shown: dict[int, Any]) -> dict[str,
     return {"bodies": tuple(bodies), "forces": tuple(forces), "looks": looks}
 
 
-def _told(told: list[tuple[int, dict[str, str]]], origin_ns: int) -> list[Curve]:
+def _told(told: _Values, origin_ns: int) -> list[Curve]:
     """Curves of the diagnostics."""
     curves = []
     keys = {_ENERGY: "energy", _ERROR: "error", _FORCE: "total", _CLEARANCE: "least"}
@@ -440,26 +584,21 @@ def _is_number(text: str) -> bool:
         return False
 
 
-def _density(told: list[tuple[int, dict[str, str]]]) -> bspline.Grading:
-    """Grading of the knots of a cable of length 1, from the diagnostics."""
+def _knots(told: _Values, name: str, n: int) -> Array:
+    """Knots of a cable of length 1 with n control points, from the diagnostics; else of equal
+    spans.
+    """
     for _, values in told:
+        words = values.get(f"knots of {name}", "").split()
+        if len(words) == n - bspline.ACTIVE and all(map(_is_number, words)):
+            inside = np.clip(np.sort(np.array(words, dtype=float)), 0.0, 1.0)
+            return np.pad(inside, bspline.ACTIVE, constant_values=(0.0, 1.0))
         words = values.get(KNOTS, "").split()
         if len(words) == 3 and all(_is_number(word) and float(word) >= 0.0 for word in words):
             start, end, reach = map(float, words)
-            return bspline.Grading(start, end, reach) if reach else bspline.EQUAL
-    return bspline.EQUAL
-
-
-def _knots(path: Path, scene: Scene | None, n: int, density: bspline.Grading) -> Array:
-    if scene is None:
-        return bspline.clamped_knots(max(n, bspline.ACTIVE), 1.0, density)
-    known, _ = resolution.resolved(scene)
-    number, length = known.discretization.control_points, known.cable.length
-    if n != number:
-        raise RunError(
-            f"{path}: has {n} control points, the scene {number}; give the scene of that run"
-        )
-    return bspline.clamped_knots(n, length, resolution.knot_grading(known))
+            density = bspline.Grading(start, end, reach) if reach else bspline.EQUAL
+            return bspline.clamped_knots(n, 1.0, density)
+    return bspline.clamped_knots(n, 1.0)
 
 
 def _at(stamps: NDArray[np.int64], found: dict[int, Array]) -> Array:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from batch_scenes import STEP, pulled, wire
+from harness import harness
 
 from dlo_sim.batch import simulate_batch
 from dlo_sim.scene.loading import SceneError
@@ -168,3 +169,23 @@ def test_batches_that_cannot_be_are_refused():
         wrong[4, column] = np.nan if column == 0 else 0.1
         with pytest.raises(ValueError, match=f"initial 0: control points: .*{match}"):
             simulate_batch([wire(0)], 1.0, initial=[(wrong, 0.0 * wrong)], processes=1)
+
+
+def test_nets_move_as_in_simulators_of_their_own():
+    """Where branches leave the number of their control points open, it is one for all."""
+    changes = ({}, {"branches.b.cable.bending_stiffness": 0.02})
+    nets = [harness(**one, **{"branches.b.discretization.control_points": 0}) for one in changes]
+    result = simulate_batch(nets, 0.1, processes=1)
+    count = result.control_points.shape[2] - Simulator(harness()).model.n + 8
+    for k, changed in enumerate(changes):
+        own = harness(**changed, **{"branches.b.discretization.control_points": count})
+        np.testing.assert_array_equal(result.control_points[k, -1], alone(own, 0.1).control_points)
+    assert not np.array_equal(*result.control_points[:, -1])
+    fewer = harness(**{"branches.b.discretization.control_points": 9})
+    with pytest.raises(ValueError, match="scene 0 has 8 control points of b, scene 1 has 9; give"):
+        simulate_batch([harness(), fewer], 0.1)
+    with pytest.raises(ValueError, match="scene 1 has the cables cable, a, b, scene 0"):
+        simulate_batch([harness(), harness().with_values({"cables.names": []})], 0.1)
+    hinged = harness(**{"branches.a.joint": "hinged"})
+    with pytest.raises(ValueError, match="scene 1 has 31 control points with those of bodies"):
+        simulate_batch([harness(), hinged], 0.1, processes=1)

@@ -2,34 +2,42 @@
 
 import numpy as np
 import pytest
-from bodies import FREE, Assembly, Body, Roll, relaxed, straight
-from cables import scene_of
+from nets import WEIGHTLESS, net
 from numba import boolean, int64, void
 
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.kernels import ARRAY_2D, kernel
-from dlo_sim.core import bspline, rotations
+from dlo_sim.core import rotations
 from dlo_sim.engine import roll as engine
 from dlo_sim.engine.arrays import BETWEEN, IMPLICIT, cable_at
-from dlo_sim.simulation.holding import Point
+from dlo_sim.simulation.statics import relax
 
-WIRE = FREE | {
-    "cable.length": 0.3,
-    "cable.diameter": 0.006,
-    "cable.density": 1000.0,
-    "cable.youngs_modulus": 2e6,
-    "cable.shear_modulus": 1e6,
+X, Y = [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]
+GJ, INERTIA, LENGTH = 1.3e-4, 2e-6, 0.3
+CLAMPED = {
+    "cable.length": LENGTH,
+    "cable.diameter": 0.003,
+    "cable.linear_density": 0.03,
+    "cable.axial_stiffness": 200.0,
+    "cable.bending_stiffness": GJ,
+    "cable.torsional_stiffness": GJ,
+    "start.clamped": True,
+    "start.tangent": X,
+    "end.position": [LENGTH, 0.0, 0.0],
     "terms.twist": "bishop",
-    "terms.stretch": "on",
-    "initial.shape": "straight",
-    "end.fixed": [True] * 3,
-    "end.clamped": True,
-    "end.position": [0.3, 0.0, 0.0],
-    "end.tangent": [1.0, 0.0, 0.0],
+    "terms.out_of_plane": "on",
+    "discretization.control_points": 11,
+    "integrator.step": 1e-3,
 }
-GJ = 1e6 * np.pi * 0.006**4 / 32.0
-INERTIA = 2e-6
-N = 11
+SHORT = {  # across the end of the other one, next to massless
+    "at": 1.0,
+    "direction": Y,
+    "cable.length": 0.06,
+    "cable.linear_density": 1e-4,
+    "discretization.control_points": 5,
+}
+RIGID, ELASTIC = {"joint": "rigid"}, {"joint": "elastic", "joint_stiffness": 2e-3}
+ways = pytest.mark.parametrize("joint", [RIGID, ELASTIC], ids=["rigid", "gives"])
 
 
 @kernel(void, int64, ARRAY_2D, ARRAY_2D, boolean, family=IMPLICIT | BETWEEN)
@@ -37,194 +45,166 @@ def rows_between(address, x0, x1, twists):
     engine.set_rolls(cable_at(address), grid(x0), grid(x1), twists)
 
 
-def headed(stiffness=np.inf, step=1e-3, method="energy_momentum", **more):
-    """A strand with a body at its start, clamped at its end, straight along x."""
-    scene = scene_of(WIRE, n=N, **more)
-    first = 0.3 / (N - 3) / 3.0
-    moments = (INERTIA, 3e-6, 4e-6)
-    body = Body((2, 3, 0, 1), (first, 0.01, 0.012), 1e3, 0.02, (-0.01, 0.002, 0.0), moments)
-    body = Body(**(vars(body) | {"idle": (0, 0, 1, 1)}))
-    roll = Roll(0, 2, (1.0, 0.0, 0.0, 0.0), stiffness)
-    whole = Assembly([2, scene], [body], [roll], method=method, step=step)
-    points = np.zeros((N + 2, 4))
-    points[2:] = straight(whole.models[1], [0.0, 0.0, 0.0])
-    points[0, :3], points[1, :3] = [0.0, 0.01, 0.0], [0.0, 0.0, 0.012]
-    return whole, points
+def headed(joint=RIGID, center=(0.0, 0.0, 0.0), **more):
+    """A strand along x with a body at its end, in which another one begins along y."""
+    values = {"on": "b", "at": 0.0, "mass": 0.02, "center": list(center)}
+    values["inertia"] = [3e-6, INERTIA, 4e-6]  # the second one about the strand
+    body = {f"connectors.plug.{key}": value for key, value in values.items()}
+    given = {key.replace("__", "."): value for key, value in more.items()}
+    body["connectors.names"] = ["plug"]
+    return net(WEIGHTLESS, CLAMPED, body, given, b=SHORT | joint)
 
 
-def turned(whole, points, vector):
+def turned(sim, points, vector):
     """The body turned about its origin."""
     turn, out = rotations.to_matrix(rotations.from_rotation_vector(vector)), points.copy()
-    own = list(whole.bodies[0].points)
+    own = sim.model.bodies[0].points
     out[own, :3] = points[own[0], :3] + (points[own, :3] - points[own[0], :3]) @ turn.T
     return out
 
 
-def rows_of(whole, first, second):
-    """F and C over all control points, shape (n, 4), and the gap at the second configuration."""
-    cable = whole.cable
+def turn_of(sim):
+    """Angle [rad] of the body about the x axis."""
+    points = sim.cable.points[sim.model.bodies[0].points, :3]
+    return np.arctan2(*(points[1] - points[0])[[2, 1]])
+
+
+def rows_of(sim, first, second):
+    """F and C of the strand over all control points, (n, 4), and the gap at the second shape."""
+    cable = sim.cable
     ends = [cable.padded(cable.model.to_lines(points)) for points in (first, second)]
     cable.call(rows_between, *ends, True)
-    out = []
-    for rows in (cable.arrays.work.roll_force[0], cable.arrays.work.roll_condition[0]):
-        row = np.zeros((whole.n, 4))
-        row[2:6] += rows[0].reshape(4, 4)
-        row[0:4] += rows[1].reshape(4, 4)
+    rolls, work, out = cable.arrays.rolls, cable.arrays.work, []
+    for rows in (work.roll_force[0], work.roll_condition[0]):
+        row = np.zeros((sim.model.n, 4))
+        for begin, own in zip((rolls.first[0], sim.model.bodies[0].first), rows, strict=True):
+            row[begin : begin + 4] += own.reshape(4, 4)
         out.append(row)
-    return *out, cable.arrays.work.border_gap[0]
+    return *out, work.border_gap[sim.model.holding.border]
 
 
 def test_the_roll_of_a_body_turned_by_hand():
-    whole, points = headed()
-    points[2:, 3] = 0.3
-    whole.put(points)
-    assert rows_of(whole, points, points)[2] == pytest.approx(0.0, abs=1e-15)
+    sim = headed()
+    points = sim.cable.points
+    points[:, 3] = 0.3
+    sim.cable.put(points, np.zeros_like(points))
+    assert rows_of(sim, points, points)[2] == pytest.approx(0.0, abs=1e-15)
     for angle in (0.4, -3.0):
-        gap = rows_of(whole, points, turned(whole, points, [angle, 0.0, 0.0]))[2]
-        assert gap == pytest.approx(-angle, abs=1e-14)
-    aside = rows_of(whole, points, turned(whole, points, [0.0, 0.5, 0.7]))[2]
-    assert aside == pytest.approx(0.0, abs=1e-14)
+        gap = rows_of(sim, points, turned(sim, points, [angle, 0.0, 0.0]))[2]
+        assert gap == pytest.approx(-angle, abs=1e-13)
+    aside = rows_of(sim, points, turned(sim, points, [0.0, 0.5, 0.7]))[2]
+    assert aside == pytest.approx(0.0, abs=1e-13)
 
 
 def test_its_forces_do_the_work_of_the_moment():
     """Exactly, for large turns and strained bodies, and without a net force."""
-    whole, points = headed()
-    random = np.random.default_rng(3)
-    start = turned(whole, points, [0.3, -0.5, 0.8])
-    whole.put(start)
+    sim = headed()
+    random, start = np.random.default_rng(3), turned(sim, sim.cable.points, [0.3, -0.5, 0.8])
+    sim.cable.put(start, np.zeros_like(start))
     for size in (1.0, 1e-3, 1e-6):
-        end = turned(whole, start, size * np.array([0.9, 0.6, -0.4]))
+        end = turned(sim, start, size * np.array([0.9, 0.6, -0.4]))
         end += 1e-4 * size * random.standard_normal(end.shape)
-        force, _, gap = rows_of(whole, start, end)
-        assert (force * (end - start)).sum() == pytest.approx(gap, abs=1e-14)
+        force, _, gap = rows_of(sim, start, end)
+        assert (force * (end - start)).sum() == pytest.approx(gap, abs=1e-13)
         assert np.abs(force[:, :3].sum(axis=0)).max() < 1e-12 * np.abs(force).max()
 
 
 def test_a_rigid_body_feels_a_couple_about_the_mean_tangent():
-    whole, points = headed()
-    whole.put(points)
+    sim = headed()
+    points, body = sim.cable.points, sim.model.bodies[0]
+    tangent = np.zeros(sim.model.n)
+    tangent[body.first : body.first + 4] = body.weights(body.frame.T @ X)
     for vector in ([0.9, 0.6, -0.4], [2.5, 0.0, 0.3]):
-        end = turned(whole, points, vector)
-        force, _, _ = rows_of(whole, points, end)
-        middle = 0.5 * (points + end)[:, :3]
-        torque = np.cross(middle, force[:, :3]).sum(axis=0)
-        mean = (points + end)[3, :3] - (points + end)[2, :3]
+        end = turned(sim, points, vector)
+        force, _, _ = rows_of(sim, points, end)
+        torque = np.cross(0.5 * (points + end)[:, :3], force[:, :3]).sum(axis=0)
+        mean = tangent @ (points + end)[:, :3]
         assert np.abs(np.cross(torque, mean)).max() < 1e-12 * np.linalg.norm(mean)
         assert torque @ mean < 0.0
 
 
 def test_its_condition_is_the_derivative():
-    whole, points = headed()
-    whole.put(points)
-    end = turned(whole, points, [0.5, 0.4, -0.6])
-    _, condition, _ = rows_of(whole, points, end)
+    sim = headed()
+    points = sim.cable.points
+    end = turned(sim, points, [0.5, 0.4, -0.6])
+    _, condition, _ = rows_of(sim, points, end)
     for vector in np.eye(3) * 1e-6:
-        ahead, behind = (turned(whole, end, sign * vector) for sign in (1.0, -1.0))
-        change = rows_of(whole, points, ahead)[2] - rows_of(whole, points, behind)[2]
+        ahead, behind = (turned(sim, end, sign * vector) for sign in (1.0, -1.0))
+        change = rows_of(sim, points, ahead)[2] - rows_of(sim, points, behind)[2]
         assert (condition * (ahead - behind)).sum() == pytest.approx(change, abs=1e-12)
 
 
-@pytest.mark.parametrize("twist", ["bishop", "quasistatic"])
-@pytest.mark.parametrize("stiffness", [np.inf, 2e-4], ids=["rigid", "gives"])
-def test_a_body_on_a_twisted_strand_is_a_torsional_pendulum(stiffness, twist):
-    """phi(t) = cos(omega t), of the strand and the roll in series; a third of the polar inertia of
-    the strand, 0.2 % of that of the body, moves with it."""
-    whole, points = headed(stiffness, step=2e-3, terms__twist=twist)
-    whole.put(points)
-    start = turned(whole, points, [1.0, 0.0, 0.0])
-    series = 1.0 / (0.3 / GJ + 1.0 / stiffness)
-    u = bspline.greville(whole.models[1].knots)
-    start[2:, 3] = series * (0.3 - u) / GJ
-    whole.cable.put(start, np.zeros_like(start))
-    whole.cable.open_account()
+@ways
+def test_a_body_on_a_twisted_strand_is_a_torsional_pendulum(joint):
+    """phi(t) = sin(omega t), of the strand and the roll in series; a third of the polar inertia of
+    the strand, 1 % of that of the body, moves with it."""
+    sim = headed(joint, integrator__step=2e-3)
+    soft = 1.0 / joint["joint_stiffness"] if joint is ELASTIC else 0.0
+    series = 1.0 / (LENGTH / GJ + soft)
     omega = np.sqrt(series / INERTIA)
-    for time in (0.1, 0.2, 0.4):
-        whole.advance(round(time / 2e-3) - whole.steps)
-        e = whole.directors()[1:]
-        angle = np.arctan2(e[1, 2], e[1, 1])
-        # Quasistatic twist is damped as by half a step.
-        left = np.exp(-0.25 * omega**2 * 2e-3 * time) if twist == "quasistatic" else 1.0
-        assert angle == pytest.approx(left * np.cos(omega * time), abs=0.02)
-    assert whole.cable.share_open() < 1e-6
+    points, rates = sim.cable.points, np.zeros_like(sim.cable.points)
+    main, across = (part.here for part in sim.model.parts)
+    rates[main, 3] = omega * series * sim.greville / GJ
+    moving = np.unique([*range(across.start, across.stop), *sim.model.bodies[0].points])
+    rates[moving, :3] = np.cross([omega, 0.0, 0.0], points[moving, :3] - [LENGTH, 0.0, 0.0])
+    sim.begin(points, rates)
+    for _ in range(4):
+        assert sim.advance(0.1).status.ok
+        assert turn_of(sim) == pytest.approx(np.sin(omega * sim.time), abs=0.02)
+    assert sim.energy_error < 1e-6
 
 
 @pytest.mark.parametrize("method", ["energy_momentum", "implicit_midpoint"])
-@pytest.mark.parametrize("stiffness", [np.inf, 2e-4], ids=["rigid", "gives"])
-def test_the_energy_of_a_strand_with_a_tumbling_body_is_kept(stiffness, method):
-    whole, points = headed(stiffness, step=1e-3, method=method, integrator__tolerance=1e-12)
-    rates = np.zeros_like(points)
-    rates[0, :3], rates[1, :3] = [0.0, 0.1, 0.3], [0.0, -0.36, 0.1]
-    rates[:3, 1] += 0.3
-    whole.put(points, rates)
-    whole.advance(300)
-    now = whole.cable.points
-    assert np.abs(now[3, :3] - points[3, :3]).max() > 0.01 and abs(now[2, 3]) > 0.3
-    exact = method == "energy_momentum"
-    assert whole.cable.share_open() < (1e-10 if exact else 0.02)
-    if np.isinf(stiffness):
-        assert abs(rows_of(whole, now, now)[2]) < 1e-9
+@ways
+def test_the_energy_of_a_strand_with_a_tumbling_body_is_kept(joint, method):
+    more = {"integrator__method": method, "integrator__tolerance": 1e-12}
+    sim = headed(joint, (0.01, -0.002, 0.0), **more)
+    points, rates = sim.cable.points, np.zeros_like(sim.cable.points)
+    rates[10:, 1] = 0.3
+    rates[10:, :3] += np.cross([10.0, 0.0, 3.0], points[10:, :3] - points[10, :3])
+    sim.begin(points, rates)
+    assert sim.advance_steps(300).status.ok
+    now = sim.cable.points
+    assert np.abs(now[10, :3] - points[10, :3]).max() > 0.01 and abs(now[10, 3]) > 0.3
+    assert sim.energy_error < (1e-10 if method == "energy_momentum" else 0.02)
+    if joint is RIGID:
+        assert abs(rows_of(sim, now, now)[2]) < 1e-9
 
 
 def test_a_search_for_the_shape_alone_turns_a_body_to_its_strand():
-    whole, points = headed(gravity=[0.0, 0.0, -9.81])
-    points[2:, 3] = 0.2
-    whole.put(points)
-    relaxed_from = turned(whole, points, [0.5, 0.0, 0.0])
-    whole.cable.x[:] = whole.cable.model.to_lines(relaxed_from)
-    relaxed(whole.cable, 0.3)
-    found = whole.cable.points
-    assert np.abs(found[2, 2]) > 0.01 and np.all(found[2:, 3] == 0.2)
-    assert rows_of(whole, found, found)[2] == pytest.approx(0.0, abs=1e-9)
-    assert abs(whole.directors()[2, 2]) < 1e-3
-
-
-def in_line(stiffness):
-    """Two strands joined by a body between them, held at their far ends, one of which is turned."""
-    left = {"start.fixed": [True] * 3, "start.clamped": True, "start.tangent": [1.0, 0.0, 0.0]}
-    free = {"end.fixed": [False] * 3, "end.clamped": False}
-    right = {"cable.length": 0.15, "start.position": [0.3, 0.0, 0.0]}
-    scenes = [
-        scene_of(WIRE, left, free, n=N),
-        scene_of(WIRE, right, {"end.position": [0.45, 0.0, 0.0]}, n=N),
-    ]
-    body = Body((N, N + 1, N + 2, N + 3), (0.01, 0.01, 0.01), 1e3, 0.01, (0.0, 0.0, 0.0))
-    far = N + 4
-    rolls = [Roll(0, N - 4, (0.0, 0.0, 0.0, 1.0)), Roll(0, far, (1.0, 0.0, 0.0, 0.0), stiffness)]
-    slopes = 3.0 * (N - 3) / 0.3, 3.0 * (N - 3) / 0.15
-    rows = []
-    for first, place, along in (
-        (N - 4, (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, -slopes[0], slopes[0])),
-        (far, (1.0, 0.0, 0.0, 0.0), (-slopes[1], slopes[1], 0.0, 0.0)),
-    ):
-        at = Point(first, place, other=N, other_weights=(-1.0, 0.0, 0.0, 0.0))
-        aim = Point(first, along, other=N, other_weights=(100.0, -100.0, 0.0, 0.0))
-        rows += [(point, line) for point in (at, aim) for line in range(3)]
-    whole = Assembly([scenes[0], 4, scenes[1]], [body], rolls, rows)
-    points = np.zeros((2 * N + 4, 4))
-    points[:N] = straight(whole.models[0], [0.0, 0.0, 0.0])
-    points[far:] = straight(whole.models[2], [0.3, 0.0, 0.0])
-    points[N:far, 0] = 0.3
-    points[N + 1 : far, :3] += 0.01 * np.eye(3)
-    whole.put(points)
-    return whole, points
+    sim = headed(gravity=[0.0, 0.0, -0.1])
+    points = sim.cable.points
+    points[:, 3] = 0.2
+    sim.cable.put(points, np.zeros_like(points))
+    sim.cable.x[:] = sim.model.to_lines(turned(sim, points, [0.5, 0.0, 0.0]))
+    assert relax(sim.cable)
+    found = sim.cable.points
+    assert np.abs(found[10, 2]) > 0.01 and np.all(found[:11, 3] == 0.2)
+    assert rows_of(sim, found, found)[2] == pytest.approx(0.0, abs=1e-9)
+    assert abs(turn_of(sim)) < 1e-3
 
 
 @pytest.mark.parametrize("bent", [0.0, 0.02], ids=["straight", "bent"])
-@pytest.mark.parametrize("stiffness", [np.inf, 3e-4], ids=["rigid", "gives"])
-def test_strands_in_line_share_the_roll_by_their_stiffnesses(stiffness, bent):
-    """M = pi / (L1 / GJ + L2 / GJ + 1 / k); also from a shape that is not yet straight, up to the
-    error of the frame that follows it."""
-    whole, points = in_line(stiffness)
-    points[-1, 3] = np.pi
-    whole.put(points)
-    points[2:-2, 2] += bent * np.sin(np.pi * points[2:-2, 0] / 0.45)
-    whole.cable.x[:] = whole.cable.model.to_lines(points)
-    whole.cable.open_frame()
-    relaxed(whole.cable, 0.45, twist=True)
-    moment = np.pi / (0.3 / GJ + 0.15 / GJ + 1.0 / stiffness)
-    found, near = whole.cable.points, 1e-4 if bent else 1e-6
-    assert found[N - 1, 3] == pytest.approx(moment * 0.3 / GJ, abs=near)
-    assert found[N + 4, 3] == pytest.approx(np.pi - moment * 0.15 / GJ, abs=near)
-    e = whole.directors()[1:]
-    assert np.arctan2(e[1, 2], e[1, 1]) == pytest.approx(moment * 0.3 / GJ, abs=near)
-    assert np.abs(found[:, 2]).max() < 0.011
+@ways
+def test_strands_on_one_body_share_the_roll_by_their_stiffnesses(joint, bent):
+    """M = 1 rad / (L1 / GJ + L2 / GJ + 1 / k), through a body across which both lie in line; also
+    from a bent shape, up to the error of the frame that follows it."""
+    far = {"from": "b", "at": 0.0, "direction": X, "cable.length": 0.15, "end.clamped": True}
+    far |= {"end.fixed": [True] * 3, "end.tangent": X, "end.position": [0.45, 0.0, 0.0]}
+    far |= {"discretization.control_points": 11, "cable.linear_density": 0.03}
+    sim = net(WEIGHTLESS, CLAMPED, b=SHORT | joint, c=far)
+    first, _, last = (part.here for part in sim.model.parts)
+    points = sim.cable.points
+    points[last.stop - 1, 3] = 1.0
+    sim.cable.put(points, np.zeros_like(points))
+    points[2:9, 2] += bent * np.sin(np.pi * points[2:9, 0] / LENGTH)
+    sim.cable.x[:] = sim.model.to_lines(points)
+    sim.cable.open_frame()
+    assert relax(sim.cable, twist=True)
+    soft = 1.0 / joint["joint_stiffness"] if joint is ELASTIC else 0.0
+    moment = 1.0 / (0.45 / GJ + soft)
+    found, near = sim.cable.points, 1e-4 if bent else 1e-6
+    assert found[first.stop - 1, 3] == pytest.approx(moment * LENGTH / GJ, abs=near)
+    assert found[last.start, 3] == pytest.approx(1.0 - moment * 0.15 / GJ, abs=near)
+    assert turn_of(sim) == pytest.approx(moment * (LENGTH / GJ + soft), abs=near)
+    assert np.abs(found[[*range(11), *range(last.start, last.stop)], 2]).max() < 1e-9

@@ -71,6 +71,34 @@ DRIVEN = {
 }
 
 
+# Three branches: the gripper holds the end of the first one, too, the second one carries a plug,
+# the third one the load.
+BRANCHED = {
+    **DRIVEN,
+    "accuracy.estimate": "off",
+    "branches.names": ["a", "b", "c"],
+    **{
+        f"branches.{name}.{key}": value
+        for name, at in (("a", 0.3), ("b", 0.5), ("c", 0.7))
+        for key, value in {
+            "at": at,
+            "direction": [0.0, 0.0, -1.0],
+            "cable.length": 0.3,
+            "discretization.control_points": 13,
+        }.items()
+    },
+    "branches.a.end.pose_topic": "/gripper_pose",
+    "branches.a.end.fixed": [True] * 3,
+    "branches.a.end.offset": [0.3, 0.0, -0.25],
+    "initial.shape": "straight",
+    "connectors.names": ["plug"],
+    "connectors.plug.on": "b",
+    "connectors.plug.mass": 0.02,
+    "connectors.plug.inertia": [2e-6, 4e-6, 4e-6],
+    "loads.tip.on": "c",
+}
+
+
 def motion(seconds: float) -> Iterable[Message]:
     """A gripper that swings and turns, a wrench that goes round; all comes after its stamp."""
     pose = StampedEncoder(POSE_STAMPED, "world")
@@ -331,6 +359,14 @@ def test_generated_motion(
 ) -> None:
     bag = write_bag(tmp_path / "bag", motion(SECONDS))
     compare(bag, scene_from_values(DRIVEN), tmp_path, domain, peer, started)
+
+
+@pytest.mark.slow
+def test_generated_motion_of_a_harness(
+    tmp_path: Path, domain: int, peer: Peer, started: Callable[..., NodeProcess]
+) -> None:
+    bag = write_bag(tmp_path / "net", motion(SECONDS))
+    compare(bag, scene_from_values(BRANCHED), tmp_path, domain, peer, started)
 
 
 @pytest.mark.slow

@@ -177,8 +177,10 @@ def test_shipped_scene_by_name_or_path(tmp_path, monkeypatch):
     assert set(shipped_scenes()) == {
         "edge",
         "hanging_cable",
+        "harness",
         "paper_wire",
         "paper_wire_force",
+        "plug",
         "table",
         "two_grippers",
     }

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from dlo_sim.scene.description import scene_parameters
+from dlo_sim.scene.description import NAMED, scene_parameters
 from dlo_sim.scene.loading import load_scene, shipped_scene, shipped_scenes
 
 NAMES = sorted(shipped_scenes())
@@ -34,8 +34,7 @@ def raw_values(name: str, version: tuple[int, int]) -> dict:
 @pytest.mark.parametrize("name", NAMES)
 def test_doubles_are_written_as_doubles_because_ros_refuses_integers(name):
     values = raw_values(name, (1, 2))
-    groups = ("loads", "grasps", "obstacles")
-    named = (tuple(values.get(f"{group}.names", ())) for group in groups)
+    named = (tuple(values.get(f"{group}.names", ())) for group in NAMED)
     rows = {row.key: row for row in scene_parameters(*named)}
     checked = 0
     for key, value in values.items():

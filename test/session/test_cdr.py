@@ -113,7 +113,7 @@ def test_marker_delete_all(frame):
 def test_capsules(frame, namespace):
     joints = np.random.default_rng(5).normal(size=(4, 3))
     joints[1] = joints[0]  # one of no length
-    bodies = capsules_of(joints, np.array([0.125, 0.25, 0.5]))
+    bodies = capsules_of(joints, np.array([0.125, 0.25, 0.5]), (0.0, 0.0, 1.0, 1.0))
     raw = cdr.encode_bodies(frame, namespace, STAMP, 10**9, bodies)
     markers = STORE.deserialize_cdr(raw, cdr.MARKER_ARRAY).markers
     assert [marker.id for marker in markers] == list(range(7))
@@ -240,7 +240,7 @@ OURS = {
     ),
     cdr.MARKER_ARRAY: lambda frame: cdr.encode_bodies(
         *(frame, "ns", STAMP, 10**9),
-        capsules_of(ROWS[:, :3].astype(float), np.array([0.1, 0.2])),
+        capsules_of(ROWS[:, :3].astype(float), np.array([0.1, 0.2]), (1.0, 0.5, 0.0, 1.0)),
     ),
     cdr.POINT_CLOUD: lambda frame: cdr.encode_point_cloud(STAMP, frame, "xyzu", ROWS),
     cdr.DIAGNOSTIC_ARRAY: lambda frame: cdr.encode_diagnostic_array(STAMP, frame, [STATUS] * 2),

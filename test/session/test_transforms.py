@@ -151,7 +151,7 @@ def test_ends_and_grasps_are_put_out_as_frames():
     scene = scene_from_values(values)
     simulator = FakeSimulator(scene)
     simulator.end_pose = lambda name: (np.array([0.5, 0.1, 0.2]), np.array([0, 0, HALF, HALF]))
-    (message,) = Outputs(scene, 5, "/left/dlo_sim").messages(simulator, T0 + 7, {"/tf"})
+    (message,) = Outputs(scene, 5, node="/left/dlo_sim").messages(simulator, T0 + 7, {"/tf"})
     assert message.type == "tf2_msgs/msg/TFMessage"
     frames = STORE.deserialize_cdr(message.data, message.type).transforms
     assert [frame.child_frame_id for frame in frames] == [

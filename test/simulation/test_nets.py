@@ -3,9 +3,7 @@
 import beams
 import numpy as np
 import pytest
-from nets import STRING, WEIGHTLESS, WIRE, frequencies, momenta, net
-
-from dlo_sim.core import bspline
+from nets import STRING, WEIGHTLESS, WIRE, frequencies, net
 
 LENGTH, EI, MU = 0.5, WIRE["cable.bending_stiffness"], WIRE["cable.linear_density"]
 FIXED = [True, True, True]

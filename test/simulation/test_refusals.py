@@ -123,6 +123,11 @@ SCENES = [
         "discretization.stretch: 'span'.*discretization.quadrature to gauss",
     ),
     (SOFT, SPANS | {"discretization.control_points": 4}, "'span'.*5 control points"),
+    (
+        SOFT,
+        {"terms.twist": "bishop", "discretization.control_points": 4, "discretization.samples": 2},
+        "discretization.samples: 2 points of a single span leave twist.*give 3, or 5 control",
+    ),
 ]
 
 

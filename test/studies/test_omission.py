@@ -6,10 +6,10 @@ import pytest
 from study_tables import quick, rows_of
 
 from dlo_sim.scene import needs
-from dlo_sim.scene.loading import load_scene, shipped_scenes
+from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies import omission as study_module
-from dlo_sim.studies.omission import QUICK_TERMS, TERMS, Row, has, variants
+from dlo_sim.studies.omission import QUICK_TERMS, TERMS, Row, has, single_cables, variants
 from dlo_sim.tuning.trial import attempt
 
 pytestmark = pytest.mark.slow
@@ -54,7 +54,7 @@ def test_what_is_left_out_does_not_matter_and_the_rest_does(rows):
     assert rows["loads"]["note"] == "no loads; both with terms.out_of_plane on"
 
 
-@pytest.mark.parametrize("name", shipped_scenes())
+@pytest.mark.parametrize("name", single_cables())
 def test_every_shipped_scene_has_every_term_with_and_without(name):
     """Nothing is compiled here: scenes alone."""
     scene = load_scene(name)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from harness import harness
 from progress import rises, shown_progress
 
 from dlo_sim.cli.main import main
@@ -308,3 +309,19 @@ def test_implicit_steps_beyond_a_timer_period_where_nothing_arrives_in_between()
         assert steps[0] == pytest.approx(periods / job.scene.rate)
         assert steps == sorted(steps, reverse=True)
         assert steps[-1] == pytest.approx(1.0 / 32.0 / job.scene.rate)
+
+
+def test_cables_of_a_net_are_refined_in_proportion_and_all_compared():
+    """A change of a branch alone is an error of the net."""
+    scene, u = harness(), (0.0, 0.5, 1.0)
+    finer = Setting("energy_momentum", 15, 5e-3).applied(scene)
+    assert [one.scene.discretization.control_points for one in finer.strands] == [15, 11, 13, 7]
+    coarse = Setting("energy_momentum", 5, 5e-3).applied(scene)  # a single span may be too few
+    assert [one.scene.discretization.control_points for one in coarse.strands] == [5, 5, 5, 5]
+    own = Setting("energy_momentum", 9, 5e-3)
+    assert own.applied(scene) == scene.with_values(own.values)
+    softer = scene.with_values({"cables.c.cable.diameter": 0.02, "cables.c.start.clamped": True})
+    one, other = (attempt(Job(of, 0.1, u), own, timed=False) for of in (scene, softer))
+    assert one.points.shape == (101, 4 * 3, 3)
+    assert farthest(one.points[:, :9], other.points[:, :9]) < 1e-9
+    assert farthest(one.points, other.points) > 1e-3
