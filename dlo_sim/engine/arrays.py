@@ -389,6 +389,7 @@ class Work(Group):
         "forces_known",  # 1 while `force` is that of the present state, for explicit methods
         "power",  # of the grasps at the present state [W] (`methods.runge_kutta`)
         "grounded",  # border rows that undo groundings (`band.ground_border`)
+        "whole_rolls",  # 1 where rolls balance the residual with all of F (`engine.band`)
         "coupled",  # where the factors of the step are: IN_STATE or IN_SKYLINE
         "decaying",  # that of the balance at the start of the step
         *("contact_work", "contact_loss"),  # of the last forces [J] (`contact.add_force`)
@@ -438,7 +439,9 @@ class Work(Group):
     border_condition = Reals("bordered", 2, "seen")  # C
     border_compliance = Reals("bordered")  # 0 for rigid rows
     border_gap = Reals("bordered")  # by which rigid rows are still open
-    border_gram = Reals("kept_rows", "border_columns")  # (F F^T)^-1 of the rigid rows
+    held_point = Wholes("n")  # 1 for control points of which other rows fix something
+    border_free = Wholes("bordered", 2)  # 1 for places of rows that touch none of these
+    border_gram = Reals("kept_rows", "border_columns")  # (P F^T)^-1 of the rigid rows
     border_shift = Reals("padded", "border_columns")  # Z, from row PADDING on
     border_system = Reals("bordered", "border_columns")  # (C Z + compliance)^-1
     border_share = Reals("border_columns")

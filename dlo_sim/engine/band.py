@@ -28,7 +28,11 @@ singular only where the strands within the constraints are, and the unstable mod
 the negative pivots of K less those of `negative_border`.
 
 The part of r in the range of F^T is balanced by the forces of the grasps, the multipliers
-f = - (F F^T)^-1 F r, and so does not belong to the residual.
+f = - (P F^T)^-1 P r, and so does not belong to the residual. P is F, but rolls have only the part
+on their twist angle in it, which is constant: at a solution, where r is in the range of F^T, all P
+give the same f. The moments of the rolls come first, and the other rows balance what is then left,
+so that the inverse of P P^T is that of the step. Where P P^T is singular, as where two bodies turn
+one place of a strand, P is F, and the inverse is found anew with F.
 """
 
 from __future__ import annotations
@@ -55,6 +59,8 @@ from dlo_sim.engine.arrays import (
 )
 from dlo_sim.engine.skyline import substitute_skyline, substitute_skyline_columns
 from dlo_sim.terms.vectors import cross
+
+LEAST_PIVOT = 1e-3  # of P P^T (see above), with weights of about 1
 
 # -- the matrix ----------------------------------------------------------------------------------
 
@@ -410,10 +416,18 @@ def roll_of(cable, k):
 
 
 @inline
-def along(cable, matrix, k, y, begin):
-    """Product of border row k of F or C with the unknowns y[begin], y[begin + 1], ..."""
+def weighed(cable, k):
+    """Number of the places of row k of F, which is rigid, that P has."""
+    return 1 if k >= cable.rows.border and cable.work.results.whole_rolls == 0.0 else 2
+
+
+@inline
+def along(cable, matrix, k, count, y, begin):
+    """Product of border row k of F or C, at its first one or both places (`count`), with the
+    unknowns y[begin], y[begin + 1], ...
+    """
     value, places = 0.0, cable.work.border_at[k]
-    for w in range(2):
+    for w in range(count):
         if places[w] >= 0:
             at = begin + places[w]
             for r in range(matrix.shape[2]):
@@ -448,6 +462,11 @@ def set_places(cable, k):
         work.border_at[k, 1] = cable.lines * other if other >= 0 else -1
         stiffness = rows.stiffness[row]
     work.border_compliance[k] = 0.0 if k < kept(cable) else 1.0 / stiffness
+    for w in range(2):
+        work.border_free[k, w] = 1
+        for j in range(4 if work.border_at[k, w] >= 0 else 0):
+            if work.held_point[work.border_at[k, w] // cable.lines + j] == 1:
+                work.border_free[k, w] = 0
 
 
 @inline
@@ -458,16 +477,15 @@ def first_of(cable, body):
 
 
 @inline
-def write_place(cable, k, w, directions, rolled):
-    """Write border row k at its place w, in world coordinates, to `border_spare`; `rolled`: the
-    rows of the rolls.
+def write_place(cable, k, w, directions, rolled, out, at):
+    """Write border row k at its place w, in world coordinates, to out[at], out[at + 1], ...;
+    `rolled`: the rows of the rolls.
     """
     lines, points, row = cable.lines, cable.points, border_row(cable, k)
-    spare, at = cable.work.border_spare, cable.work.border_at[k, w]
     if row < 0:
         roll = roll_of(cable, k)
         for r in range(4 * lines):
-            spare[at + r] = rolled[roll, w, r]
+            out[at + r] = rolled[roll, w, r]
         return
     line, point = cable.rows.line[row], cable.rows.point[row]
     for j in range(4):
@@ -476,7 +494,7 @@ def write_place(cable, k, w, directions, rolled):
             along_d = 1.0 if d == line else 0.0
             if line < 0 and d < cable.dim:
                 along_d = directions[row, d]
-            spare[at + j * lines + d] = along_d * weight
+            out[at + j * lines + d] = along_d * weight
 
 
 @inline
@@ -485,13 +503,16 @@ def write_border(cable, first, directions, rolled, free, out):
     to `out` (border, places, 4 lines). `rolled`: rows of the rolls (rolls, places, 4 lines).
     `free`: zero at the unknowns that other constraint rows fix.
     """
-    spare = cable.work.border_spare
+    work, spare = cable.work, cable.work.border_spare
     for k in range(first, bordered(cable)):
         for w in range(2):
-            at = cable.work.border_at[k, w]
+            at = work.border_at[k, w]
             if at < 0:
                 continue
-            write_place(cable, k, w, directions, rolled)
+            if work.border_free[k, w] == 1:
+                write_place(cable, k, w, directions, rolled, out[k][w], 0)
+                continue
+            write_place(cable, k, w, directions, rolled, spare, at)
             turn_vector(cable, directions, YES, spare, 0)
             if free:
                 clear_held(cable, spare, 0)
@@ -501,33 +522,44 @@ def write_border(cable, first, directions, rolled, free, out):
 
 @kernel(void, CABLE, LINES, LINES, terms=BORDERED)
 def set_border(cable, pushed, ahead):
-    """Set F with the directions `pushed`, C with the directions `ahead`, and (F F^T)^-1; those of
+    """Set F with the directions `pushed`, C with the directions `ahead`, and (P F^T)^-1; those of
     rolls from `work.roll_force` and `work.roll_condition`.
     """
     work = cable.work
     work.results.grounded = 0.0
     find_coupled(cable)
+    for i in range(cable.n):
+        work.held_point[i] = 0
+    for k in range(cable.rows.count):
+        own = cable.points.own[cable.rows.point[k]]
+        if own >= 0:
+            work.held_point[own] = 1
     for k in range(bordered(cable)):
         set_places(cable, k)
     write_border(cable, 0, pushed, work.roll_force, NO, work.border_push)
     write_border(cable, 0, pushed, work.roll_force, YES, work.border_force)
     write_border(cable, 0, ahead, work.roll_condition, YES, work.border_condition)
-    set_gram(cable)
+    work.results.whole_rolls = 0.0
+    if set_gram(cable) < LEAST_PIVOT and cable.rolls.rigid_rolls > 0:
+        work.results.whole_rolls = 1.0
+        set_gram(cable)
 
 
 @kernel(void, CABLE, LINES, terms=ROLLED)
 def set_roll_force(cable, pushed):
-    """Set F of the rolls anew, and (F F^T)^-1, as `set_border`."""
+    """Set anew how rolls push, and where P contains all of F, this and (P F^T)^-1."""
     work, first = cable.work, cable.rows.border
     write_border(cable, first, pushed, work.roll_force, NO, work.border_push)
-    write_border(cable, first, pushed, work.roll_force, YES, work.border_force)
-    set_gram(cable)
+    if work.results.whole_rolls != 0.0:
+        write_border(cable, first, pushed, work.roll_force, YES, work.border_force)
+        set_gram(cable)
 
 
-@kernel(void, CABLE, LINES, terms=ROLLED)
-def set_roll_condition(cable, ahead):
-    """Set C of the rolls anew, as `set_border`."""
+@kernel(void, CABLE, LINES, LINES, terms=ROLLED)
+def set_roll_rows(cable, pushed, ahead):
+    """Set F and C of the rolls anew, as `set_border`."""
     work, first = cable.work, cable.rows.border
+    write_border(cable, first, pushed, work.roll_force, YES, work.border_force)
     write_border(cable, first, ahead, work.roll_condition, YES, work.border_condition)
 
 
@@ -557,20 +589,20 @@ def find_coupled(cable):
 
 @inline
 def set_gram(cable):
-    """(F F^T)^-1 of the rigid rows."""
+    """(P P^T)^-1 of the rigid rows; returns the smallest pivot."""
     work, count = cable.work, kept(cable)
     for k in range(count):
         for j in range(k + 1):
             work.border_gram[k, j] = work.border_gram[j, k] = product_of_rows(cable, k, j)
-    invert_pivoted(work.border_gram, count, work.border_order)
+    return invert_pivoted(work.border_gram, count, work.border_order)
 
 
 @inline
 def product_of_rows(cable, k, j):
-    """Scalar product of two rows of F."""
+    """Scalar product of two rows of P."""
     f, places, value = cable.work.border_force, cable.work.border_at, 0.0
-    for w in range(2):
-        for v in range(2):
+    for w in range(weighed(cable, k)):
+        for v in range(weighed(cable, j)):
             apart = places[j, v] - places[k, w]
             if places[k, w] >= 0 and places[j, v] >= 0 and abs(apart) < f.shape[2]:
                 for r in range(max(apart, 0), f.shape[2] + min(apart, 0)):
@@ -598,15 +630,18 @@ def invert_in_place(a):
 @inline
 def invert_pivoted(a, size, order):
     """Gauss-Jordan inverse in place of the first `size` rows, with partial pivoting; `order`: room.
+    Returns the size of the smallest pivot.
 
     The rows are whole vectors.
     """
+    smallest = np.inf
     for k in range(size):
         best = k
         for i in range(k + 1, size):
             if abs(a[i, k]) > abs(a[best, k]):
                 best = i
         order[k] = best
+        smallest = min(smallest, abs(a[best, k]))
         pivot = 1.0 / a[best, k]
         a[best, k] = 1.0
         for j in range(0, size, LANES):
@@ -624,6 +659,7 @@ def invert_pivoted(a, size, order):
         best = order[k]
         for i in range(size if best != k else 0):
             a[i, k], a[i, best] = a[i, best], a[i, k]
+    return smallest
 
 
 @kernel(void, CABLE, LINES, terms=BORDERED)
@@ -656,7 +692,7 @@ def ground(cable, begin, f, c, stiffness, band):
     """Add stiffness f^T c at the 4 lines unknowns from `begin` on."""
     half = 4 * cable.lines - 1
     for r in range(len(f)):
-        for q in range(len(c)):
+        for q in range(len(c) if f[r] != 0.0 else 0):
             band[begin + r, q - r + half] += stiffness * f[r] * c[q]
 
 
@@ -708,30 +744,40 @@ def solve_border(cable, band, share):
             at = PADDING + work.border_at[k, w]
             for r in range(4 * cable.lines if at >= PADDING else 0):
                 z[at + r, k] += work.border_force[k, w, r]
-    for column in range(0, count, LANES):
-        if work.results.coupled == IN_SKYLINE:
-            substitute_skyline_columns(cable, size, 0, column, z)
-            continue
-        begin = 0
-        while begin < cable.n:
-            low, end = cable.lines * begin, work.coupled_end[begin]
-            high, begin = cable.lines * end, end
-            first = first_seen(cable, column, low, high)
-            if first == high:
-                continue
-            if cable.lines == 2:
-                substitute_columns(band, low, high, 7, first, column, z)
-            elif cable.lines == 3:
-                substitute_columns(band, low, high, 11, first, column, z)
-            else:
-                substitute_columns(band, low, high, 15, first, column, z)
+    begin = 0
+    while begin < cable.n and work.results.coupled != IN_SKYLINE:
+        low, high = cable.lines * begin, cable.lines * work.coupled_end[begin]
+        begin = work.coupled_end[begin]
+        column = 0
+        while column < count:
+            a = b = c = d = 0
+            found, first = 0, high
+            while column < count and found < 4:
+                seen = first_seen(cable, column, low, high)
+                if seen < high:
+                    first = min(first, seen)
+                    a = column if found == 0 else a
+                    b = column if found <= 1 else b
+                    c = column if found <= 2 else c
+                    d = column
+                    found += 1
+                column += LANES
+            if found > 0 and cable.lines == 2:
+                substitute_columns(band, low, high, 7, first, a, b, c, d, z)
+            elif found > 0 and cable.lines == 3:
+                substitute_columns(band, low, high, 11, first, a, b, c, d, z)
+            elif found > 0:
+                substitute_columns(band, low, high, 15, first, a, b, c, d, z)
+    for column in range(0, count if work.results.coupled == IN_SKYLINE else 0, LANES):
+        substitute_skyline_columns(cable, size, 0, column, z)
     for j in range(count):
         for column in range(0, count, LANES):
             sums = zero()
             for w in range(2):
                 at = PADDING + work.border_at[j, w]
                 for r in range(4 * cable.lines if at >= PADDING else 0):
-                    sums += work.border_condition[j, w, r] * load(z, at + r, column)
+                    if work.border_condition[j, w, r] != 0.0:
+                        sums += work.border_condition[j, w, r] * load(z, at + r, column)
             store(system, j, column, sums)
         system[j, j] += work.border_compliance[j] / share_of(cable, j, share)
     invert_pivoted(system, count, work.border_order)
@@ -760,22 +806,37 @@ def first_seen(cable, column, low, high):
 
 
 @inline
-def substitute_columns(band, low, high, half, first, column, z):
-    """`substitute_rows` for eight columns of z from `column` on, and the unknowns from `low` to
-    before `high`, which are coupled to no others; zero before `first`.
+def substitute_columns(band, low, high, half, first, a, b, c, d, z):
+    """`substitute_rows` for eight columns of z from each of a, b, c and d on, some of which may be
+    the same, and the unknowns from `low` to before `high`, which are coupled to no others; zero
+    before `first`. Four sums at a time, as each waits for its last product.
     """
     for r in range(first, high):
         row, at = band[r], PADDING + r
-        value = load(z, at, column)
+        sa, sb, sc, sd = load(z, at, a), load(z, at, b), load(z, at, c), load(z, at, d)
         for k in range(half):
-            value -= row[k] * load(z, at - half + k, column)
-        store(z, at, column, value)
+            factor, i = row[k], at - half + k
+            sa -= factor * load(z, i, a)
+            sb -= factor * load(z, i, b)
+            sc -= factor * load(z, i, c)
+            sd -= factor * load(z, i, d)
+        store(z, at, a, sa)
+        store(z, at, b, sb)
+        store(z, at, c, sc)
+        store(z, at, d, sd)
     for r in range(high - 1, low - 1, -1):
         row, at = band[r], PADDING + r
-        value = load(z, at, column)
+        sa, sb, sc, sd = load(z, at, a), load(z, at, b), load(z, at, c), load(z, at, d)
         for k in range(half, 0, -1):
-            value -= row[half + k] * load(z, at + k, column)
-        store(z, at, column, value * row[half])
+            factor, i = row[half + k], at + k
+            sa -= factor * load(z, i, a)
+            sb -= factor * load(z, i, b)
+            sc -= factor * load(z, i, c)
+            sd -= factor * load(z, i, d)
+        store(z, at, a, sa * row[half])
+        store(z, at, b, sb * row[half])
+        store(z, at, c, sc * row[half])
+        store(z, at, d, sd * row[half])
 
 
 @kernel(int64, CABLE, terms=BORDERED, family=BETWEEN)
@@ -869,7 +930,7 @@ def keep_border(cable, closes, y):
     work, count = cable.work, border_columns(cable)
     values = work.border_value
     for k in range(count):
-        values[k] = along(cable, work.border_condition, k, y, PADDING)
+        values[k] = along(cable, work.border_condition, k, 2, y, PADDING)
     for k in range(cable.rows.border, kept(cable) if closes else 0):
         values[k] += work.border_gap[k]
     for k in range(count):
@@ -906,11 +967,19 @@ def balance_border(cable, residual, forces):
     These forces also act on unknowns that other rows fix, so this comes before the reactions there
     are read from the residual.
     """
+    if cable.rolls.rigid_rolls > 0:
+        balance_rows(cable, cable.rows.border, kept(cable), residual, forces)
+    balance_rows(cable, 0, cable.rows.border, residual, forces)
+
+
+@inline
+def balance_rows(cable, begin, end, residual, forces):
+    """`balance_border` with some of the rows."""
     work, count = cable.work, kept(cable)
     values = work.border_value
     for k in range(count):
-        values[k] = along(cable, work.border_force, k, residual, PADDING)
-    for k in range(count):
+        values[k] = along(cable, work.border_force, k, weighed(cable, k), residual, PADDING)
+    for k in range(begin, end):
         force = 0.0
         for j in range(count):
             force -= work.border_gram[k, j] * values[j]

@@ -71,8 +71,8 @@ from dlo_sim.engine.band import (
     keep_border,
     own_point,
     set_border,
-    set_roll_condition,
     set_roll_force,
+    set_roll_rows,
     solve,
     solve_border,
     stiffen_border,
@@ -471,7 +471,7 @@ def newton_matrix(cable, t0, tau, a, discrete):
     add_load_stiffness(cable, middle, t0 + 0.5 * tau, 0.5, matrix)
     roll.tangent(cable, middle, 0.5, matrix)
     hold(cable, work.middle_direction, state.direction, matrix)
-    set_roll_condition(cable, state.direction)
+    set_roll_rows(cable, work.middle_direction, state.direction)
     stiffen_border(cable, matrix)
     state.balance.matrix_weight = 0.0
     if not factorize(cable, matrix):
