@@ -54,7 +54,6 @@ from dlo_sim.engine.arrays import (
     PADDING,
     RIGID,
     ROLLED,
-    STATIC_TWIST,
     VECTOR,
 )
 from dlo_sim.engine.skyline import substitute_skyline, substitute_skyline_columns
@@ -789,7 +788,7 @@ def share_of(cable, k, share):
     act as at its end.
     """
     row = border_row(cable, k)
-    whole = cable.terms & STATIC_TWIST != 0 if row < 0 else cable.rows.line[row] == cable.dim
+    whole = row >= 0 and cable.rows.line[row] == cable.dim  # a roll that gives acts at the middle
     return min(2.0 * share, 1.0) if whole else share
 
 

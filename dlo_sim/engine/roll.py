@@ -19,9 +19,8 @@ does the work q.w = dTheta. The forces on the directors are the gradient h_i of 
 which give this torque. What is still missing is of third order in de_i, and added along them.
 (Without h it was of first order in what strains the body, and its derivative like 1 / de_i: with a
 moment of 5e-3 N m Newton's method did not converge.) Rigid rows do no work, up to the gap that the
-iteration leaves. A roll that gives has the moment k times the mean gap; with quasistatic twist,
-which has no inertia, that at the end of the step, which dissipates k/2 (change of the gap)^2 as
-roll springs do (`engine.springs`).
+iteration leaves. A roll that gives has the moment k times the mean gap. Quasistatic twist, of which
+bodies have none, is refused (`scene.needs`).
 
 The moment is a couple on the body about the mean tangent, but acts on the strand through theta; the
 angular momentum is that of the twist against the Bishop frame, exact only to second order in the
@@ -45,7 +44,6 @@ from dlo_sim.engine.arrays import (
     MARGIN,
     ROLLED,
     SPRING,
-    STATIC_TWIST,
 )
 from dlo_sim.engine.band import first_of
 from dlo_sim.engine.grasps import angle_about, carried
@@ -209,12 +207,6 @@ def turned_from(cable, roll, e):
 # -- rolls that give -----------------------------------------------------------------------------
 
 
-@inline
-def at_end(cable):
-    """Share of the change of the gap in a step that the moment contains."""
-    return 1.0 if cable.terms & STATIC_TWIST else 0.5
-
-
 @kernel(*FORCE, terms=ROLLED)
 def force(cable, x0, x1, out):
     """Set the rows for a step from x0 to x1; out += forces of the rolls that give."""
@@ -222,7 +214,7 @@ def force(cable, x0, x1, out):
     rolls, lines, rows = cable.rolls, cable.lines, cable.work.roll_force
     for roll in range(rolls.rigid_rolls, len(rolls.stiffness)):
         before, now = gap_at(cable, roll, x0), gap_at(cable, roll, x1)
-        moment = -rolls.stiffness[roll] * (before + at_end(cable) * (now - before))
+        moment = -0.5 * rolls.stiffness[roll] * (before + now)
         cable.work.roll_moment[roll] = moment
         strand, body = MARGIN + rolls.first[roll], MARGIN + first_of(cable, rolls.body[roll])
         for k in range(4):
@@ -237,16 +229,6 @@ def energy(cable, x, out):
     for roll in range(cable.rolls.rigid_rolls, len(cable.rolls.stiffness)):
         gap = gap_at(cable, roll, x)
         out[SPRING] += 0.5 * cable.rolls.stiffness[roll] * gap * gap
-
-
-@kernel(float64, CABLE, LINES, LINES, terms=ROLLED, family=IMPLICIT)
-def loss(cable, x0, x1):
-    """Energy [J] that rolls that give dissipate in a step."""
-    lost = 0.0
-    for roll in range(cable.rolls.rigid_rolls, len(cable.rolls.stiffness)):
-        change = gap_at(cable, roll, x1) - gap_at(cable, roll, x0)
-        lost += (at_end(cable) - 0.5) * cable.rolls.stiffness[roll] * change * change
-    return lost
 
 
 # -- rigid rolls ---------------------------------------------------------------------------------

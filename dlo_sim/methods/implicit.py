@@ -832,7 +832,7 @@ def finish_step(cable, t0, tau, whole, lost):
         balance.load_work += inner(work.load, change)
     driven += anchor_work(cable, work.start, state.x)
     rolled = roll_loss(cable, change)
-    balance.dissipated += rolled[0] + roll.loss(cable, work.start, state.x)
+    balance.dissipated += rolled[0]
     balance.drive_work += driven + rolled[1]
     accept_anchors(cable)
     accept_slides(cable, work.start, state.x)

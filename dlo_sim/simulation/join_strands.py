@@ -26,7 +26,7 @@ from dlo_sim.simulation.net import joining, layout_of, rolls_of
 
 Array = NDArray[np.float64]
 LIGHT = 1e-3  # of a third of a span: mass of a body that has none of its own
-RIGID = 100.0  # stiffness of a body, in the axial stiffness of a cable as long as its directors
+RIGID = 100.0  # stiffness of a body, in that of a cable as long as its directors, or its `load`
 # What the lanes of void spans have where they are divided by.
 VOID = {"padding": 1.0, "slope": 1.0, "axial": 1.0, "bending": 1.0, "torsional": 1.0}
 
@@ -142,7 +142,7 @@ class _Joining:
             given.point[number] = body.points
             given.idle[number] = alone[body.points]
             given.length[number] = [sign * body.length for sign in body.signs]
-            given.stiffness[number] = RIGID * cable.EA * body.length
+            given.stiffness[number] = RIGID * max(cable.EA * body.length, body.load)
         rolls = self._arrays.rolls
         for number, roll in enumerate(rolls_of(layout) if model.twist else []):
             rolls.body[number], rolls.first[number] = roll.body, roll.place.first

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline, elimination, mass, quadrature, rotations
 from dlo_sim.engine.arrays import PLASTICITY, CableArrays, Inputs, State
-from dlo_sim.scene.description import Obstacle, Scene
+from dlo_sim.scene.description import EARTH, Obstacle, Scene
 from dlo_sim.scene.needs import Needs
 from dlo_sim.scene.nets import Connector
 from dlo_sim.simulation.arrays import without_margins
@@ -315,6 +315,15 @@ class Body(NamedTuple):
     def is_hinged(self) -> bool:
         """Whether it hangs on its origin."""
         return self.connector is not None and self.connector.joint == "hinged"
+
+    @property
+    def load(self) -> float:
+        """A hundred times the moment [N m] of its weight on earth about its origin."""
+        if self.connector is None:
+            return 0.0
+        one = self.connector
+        second = (np.array(one.center) ** 2).sum() + sum(one.inertia) / one.mass
+        return 100.0 * EARTH * one.mass * math.sqrt(second)
 
     def pose(self, points: Array) -> Array:
         """Position [m] and quaternion x, y, z, w where its control points are (..., 4, 3), shape
