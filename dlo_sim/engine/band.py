@@ -449,7 +449,7 @@ def spread(cable, matrix, k, scale, y, begin):
 
 @inline
 def set_places(cable, k):
-    """Set where border row k acts, and its compliance."""
+    """Set where border row k acts, its compliance, and whether it is free of what others hold."""
     rows, rolls, points, work = cable.rows, cable.rolls, cable.points, cable.work
     row = border_row(cable, k)
     if row < 0:
@@ -466,7 +466,15 @@ def set_places(cable, k):
     for w in range(2):
         work.border_free[k, w] = 1
         for j in range(4 if work.border_at[k, w] >= 0 else 0):
-            if work.held_point[work.border_at[k, w] // cable.lines + j] == 1:
+            weight = 1.0
+            if row >= 0 and w == 1:
+                weight = points.other_weights[rows.point[row], j]
+            elif row >= 0:
+                weight = points.weights[rows.point[row], j]
+            elif w == 0:
+                weight = rolls.weights[roll_of(cable, k), j]
+            held = work.held_point[work.border_at[k, w] // cable.lines + j] == 1
+            if held and weight != 0.0:
                 work.border_free[k, w] = 0
 
 
@@ -524,10 +532,15 @@ def write_border(cable, first, directions, rolled, free, out):
 @kernel(void, CABLE, LINES, LINES, terms=BORDERED)
 def set_border(cable, pushed, ahead):
     """Set F with the directions `pushed`, C with the directions `ahead`, and (P F^T)^-1; those of
-    rolls from `work.roll_force` and `work.roll_condition`.
+    rolls from `work.roll_force` and `work.roll_condition`. Where no other row turns or meets what
+    is held, all but the rolls stay for the steps of a call.
     """
-    work = cable.work
+    work, first = cable.work, cable.rows.border
     work.results.grounded = 0.0
+    if work.results.border_known != 0.0:
+        write_border(cable, first, pushed, work.roll_force, NO, work.border_push)
+        set_roll_rows(cable, pushed, ahead)
+        return
     find_coupled(cable)
     for i in range(cable.n):
         work.held_point[i] = 0
@@ -544,6 +557,12 @@ def set_border(cable, pushed, ahead):
     if set_gram(cable) < LEAST_PIVOT and cable.rolls.rigid_rolls > 0:
         work.results.whole_rolls = 1.0
         set_gram(cable)
+    work.results.border_known = 0.0 if work.results.whole_rolls != 0.0 else 1.0
+    for k in range(bordered(cable)):
+        row, free = border_row(cable, k), work.border_free[k, 0] == 1
+        turned = row >= 0 and (cable.rows.line[row] < 0 or work.border_free[k, 1] == 0)
+        if turned or not free:
+            work.results.border_known = 0.0
 
 
 @kernel(void, CABLE, LINES, terms=ROLLED)
@@ -766,18 +785,22 @@ def solve_border(cable, band, share):
 
 
 @inline
+def first_seen(cable, k, low, high):
+    """First unknown from `low` on at which border row k acts, or `high`."""
+    first, places = high, cable.work.border_at[k]
+    for w in range(2):
+        first = min(first, places[w]) if low <= places[w] else first
+    return first
+
+
+@inline
 def add_column(cable, k, column, low, high, z):
-    """Add border row k of F, between the unknowns `low` and `high`, to a column of z; returns the
-    first of these unknowns on which it acts, or `high`.
-    """
-    first = high
+    """Add border row k of F, from the unknown `low` to before `high`, to a column of z."""
     for w in range(2):
         at = cable.work.border_at[k, w]
         if low <= at < high:
-            first = min(first, at)
             for r in range(4 * cable.lines):
                 z[PADDING + at + r, column] += cable.work.border_force[k, w, r]
-    return first
 
 
 @inline
@@ -789,16 +812,18 @@ def solve_columns(cable, band, low, high, count):
     z, some, here = work.border_shift, work.border_some, work.border_order
     k = 0
     while k < count:
-        for r in range(low, high + 2 * PADDING):
-            for column in range(0, SOME, LANES):
-                store(some, r, column, 0.0)
         found, first = 0, high
         while k < count and found < SOME:
-            begin = add_column(cable, k, found, low, high, some)
+            begin = first_seen(cable, k, low, high)
             if begin < high:
                 here[found], first = k, min(first, begin)
                 found += 1
             k += 1
+        for r in range(low, high + 2 * PADDING):
+            for column in range(0, LANES if found <= LANES else SOME, LANES):
+                store(some, r, column, 0.0)
+        for column in range(found):
+            add_column(cable, here[column], column, low, high, some)
         if found > 0 and lines == 2:
             substitute_columns(band, low, high, 7, first, found, some)
         elif found > 0 and lines == 3:
