@@ -21,7 +21,7 @@ PADDING = 16  # zeros before and behind a vector of all unknowns
 SOME = 32  # columns for which `band.solve_border` solves at a time
 MOST_CORRECTIONS = 14  # of one implicit step with one matrix
 MOST_STAGES = 4  # of a Runge-Kutta method
-ROLL_SIZE = 8  # numbers of `State.roll`
+ROLL_SIZE = 7  # numbers of `State.roll`
 FRAME_SIZE = 8  # numbers of `State.frame`
 MOTION_SIZE = 36  # numbers of the motion of a grasp (`engine.grasps`)
 
@@ -454,7 +454,6 @@ class Work(Group):
     roll_force = Reals("rolls", 2, "seen")  # rows of F, in world coordinates: strand, body
     roll_condition = Reals("rolls", 2, "seen")  # rows of C
     roll_moment = Reals("rolls")  # of the body on the strand [N m]
-    roll_predicted = Reals("rolls")  # the same by the last correction
     columns = Reals("rigid", "unknowns")  # of the matrix, by row (`methods.relax_step`)
     border_value = Reals("border_columns")
     trial = Lanes("obstacles", "groups", 3)  # bristles at the end of the step

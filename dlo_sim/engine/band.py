@@ -934,7 +934,7 @@ def negative_eigenvalues(a, size):
             for j in range(at, i):
                 if abs(a[i, j]) > aside:
                     aside, row, column = abs(a[i, j]), i, j
-        if diagonal >= 0.64 * aside:
+        if diagonal >= 0.64 * aside or row == column:  # the same where entries are no numbers
             swap(a, size, at, best)
             negative += 1 if a[at, at] < 0.0 else 0
             for i in range(at + 1, size):

@@ -48,13 +48,13 @@ from dlo_sim.engine.arrays import (
     STATIC_TWIST,
 )
 from dlo_sim.engine.band import first_of
-from dlo_sim.engine.grasps import angle_about, carried, component
-from dlo_sim.engine.rigid_body import add_between, directors, means
+from dlo_sim.engine.grasps import angle_about, carried
+from dlo_sim.engine.rigid_body import directors, means
 from dlo_sim.engine.spans import store_three, three
 from dlo_sim.engine.term import ENERGY, FORCE
 from dlo_sim.terms.vectors import combined, cross, dot
 
-TANGENT, NORMAL, ANGLE, MOMENT = 0, 3, 6, 7  # of a row of `state.roll`
+TANGENT, NORMAL, ANGLE = 0, 3, 6  # of a row of `state.roll`
 STILL = 1e-16  # square of a change of directors within round-off
 
 
@@ -223,7 +223,7 @@ def force(cable, x0, x1, out):
     for roll in range(rolls.rigid_rolls, len(rolls.stiffness)):
         before, now = gap_at(cable, roll, x0), gap_at(cable, roll, x1)
         moment = -rolls.stiffness[roll] * (before + at_end(cable) * (now - before))
-        cable.work.roll_moment[roll] = cable.work.roll_predicted[roll] = moment
+        cable.work.roll_moment[roll] = moment
         strand, body = MARGIN + rolls.first[roll], MARGIN + first_of(cable, rolls.body[roll])
         for k in range(4):
             for line in range(lines):
@@ -249,33 +249,6 @@ def loss(cable, x0, x1):
     return lost
 
 
-@kernel(void, CABLE, LINES, float64, LINES, terms=ROLLED, family=IMPLICIT | BETWEEN)
-def tangent(cable, x, scale, band):
-    """band += scale times the change of the forces of the rolls with the body at x, for their last
-    moments f (`work.roll_predicted`), as far as these stay: the torque f T turns with the tangent,
-        force on p_i = - f/2 T x e_i / l_i,   T = u / |u|,   u = sum_j along_j e_j.
-    """
-    rolls, bodies, lines = cable.rolls, cable.bodies, cable.lines
-    for roll in range(len(rolls.stiffness)):
-        body, moment = rolls.body[roll], scale * cable.work.roll_predicted[roll]
-        e = directors(cable, body, x)
-        u = in_body(e, rolls.along, roll)
-        size = np.sqrt(dot(u, u))
-        t = combined(1.0 / size, u, 0.0, u)
-        for i in range(3):
-            for j in range(3):
-                share = 0.5 * moment / (bodies.length[body, i] * bodies.length[body, j])
-                for c in range(3):
-                    axis = (1.0 if c == 0 else 0.0, 1.0 if c == 1 else 0.0, 1.0 if c == 2 else 0.0)
-                    turn = combined(1.0, axis, -component(t, c), t)
-                    column = cross(combined(rolls.along[roll, j] / size, turn, 0.0, t), e[i])
-                    if i == j:
-                        column = combined(1.0, column, 1.0, cross(t, axis))
-                    for r in range(3):
-                        value = share * component(column, r)
-                        add_between(bodies.point[body], i + 1, j + 1, r, c, lines, value, band)
-
-
 # -- rigid rolls ---------------------------------------------------------------------------------
 
 
@@ -286,31 +259,6 @@ def defect(cable):
     for roll in range(cable.rolls.rigid_rolls):
         sum_ += abs(cable.work.roll_moment[roll] * cable.work.border_gap[begin + roll])
     return sum_
-
-
-@kernel(void, CABLE, float64, terms=ROLLED, family=IMPLICIT | BETWEEN)
-def predict(cable, share):
-    """Predict the moments of rigid rolls for the last correction (`band.keep_border`): those that
-    it adds, and this share of those that balance the residual before it.
-    """
-    work, begin = cable.work, cable.rows.border
-    for roll in range(cable.rolls.rigid_rolls):
-        before = share * work.roll_moment[roll]
-        work.roll_predicted[roll] = before - work.border_share[begin + roll]
-
-
-@kernel(void, CABLE, terms=ROLLED, family=IMPLICIT | BETWEEN)
-def recall(cable):
-    """Predict the moments that the last step had."""
-    for roll in range(cable.rolls.rigid_rolls):
-        cable.work.roll_predicted[roll] = cable.state.roll[roll, MOMENT]
-
-
-@kernel(void, CABLE, terms=ROLLED, family=IMPLICIT | BETWEEN)
-def keep_moments(cable):
-    """Keep the predicted moments for the next step."""
-    for roll in range(cable.rolls.rigid_rolls):
-        cable.state.roll[roll, MOMENT] = cable.work.roll_predicted[roll]
 
 
 # -- counting ------------------------------------------------------------------------------------

@@ -311,7 +311,6 @@ def begin_step(cable, t0, tau):
     else:
         keep_constraints(cable)
     roll.set_rolls(cable, work.start, state.x, YES)
-    roll.recall(cable)
     set_border(cable, work.middle_direction, state.direction)
     difference(state.x, work.start, work.change)
     if cable.terms & CONTACT:
@@ -469,7 +468,6 @@ def newton_matrix(cable, t0, tau, a, discrete):
     add_springs(cable, 0.5, matrix)
     slide_tangent(cable, YES, work.start, state.x, 1.0, matrix)
     add_load_stiffness(cable, middle, t0 + 0.5 * tau, 0.5, matrix)
-    roll.tangent(cable, middle, 0.5, matrix)
     hold(cable, work.middle_direction, state.direction, matrix)
     set_roll_rows(cable, work.middle_direction, state.direction)
     stiffen_border(cable, matrix)
@@ -558,7 +556,6 @@ def correct(cable, known, discrete, allowed, reach):
         unbalanced[r] = z[PADDING + r]
     solve(cable, state.matrix, z)
     keep_border(cable, YES, z)
-    roll.predict(cable, 1.0)
     for j in range(known):
         along = overlap(cable, z, corrections[j]) * work.correction_scale[j]
         if j + 1 < known:
@@ -839,7 +836,6 @@ def finish_step(cable, t0, tau, whole, lost):
     balance.drive_work += driven + rolled[1]
     accept_anchors(cable)
     accept_slides(cable, work.start, state.x)
-    roll.keep_moments(cable)
     for k in range(cable.rows.count):
         state.reaction[k] += tau / whole * work.row_force[k]
     balance.known += 1.0

@@ -93,7 +93,6 @@ def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
     lines = cable.lines if twist else cable.dim
     copy(x, work.start)
     clear(work.change)
-    roll.recall(cable)
     for iteration in range(1, MAX_ITERATIONS + 1):
         known = iteration > 1
         if not correct(address, pseudo, grid(guide), grid(begun), length, known, twist, rolls):
@@ -122,7 +121,6 @@ def relax_step(address, pseudo, guide, begun, anchors, length, twist, rolls):
             at = cable.rows.count + k
             state.anchor[at] = state.anchor_counted[at] = anchors[k]
         if last <= converged * moved or last < exact:
-            roll.keep_moments(cable)
             return iteration, moved
     return 0, 0.0
 
@@ -164,7 +162,6 @@ def correct(address, pseudo, guide, begun, length, predicted, twist, rolls):
         add_line(cable, cable.dim, cable.linear.mass[0], spin(length, pseudo), band)
     if rolls:
         keep_columns(cable)
-    roll.tangent(cable, cable.state.x, 1.0, band)
     hold(cable, directions, directions, band)
     roll.set_rolls(cable, cable.state.x, cable.state.x, twist)
     set_border(cable, directions, directions)
@@ -208,8 +205,6 @@ def solve_lines(cable, push, closes, out):
     clear_held(cable, z, PADDING)
     substitute(cable.work.band, cable.n * cable.lines, cable.lines, z)
     keep_border(cable, closes, z)
-    if closes:
-        roll.predict(cable, 0.0)
     turn_vector(cable, directions, NO, z, PADDING)
     clear(out)
     to_lines(cable, z, PADDING, out)

@@ -209,6 +209,8 @@ def _no_net(scene: Scene, needs: Needs) -> Iterator[tuple[str, object, str]]:
     for name in ("stretch", "out_of_plane"):
         if getattr(scene.terms, name) == "off":
             yield f"terms.{name}", "off", f"{none}; {auto}"
+    if scene.discretization.quadrature == "uniform":
+        yield "discretization.quadrature", "uniform", f"{none}; set it to gauss"
     if "plasticity" in needs:
         yield "plasticity.yield_curvature", scene.plasticity.yield_curvature, f"{none}; set it to 0"
     if scene.hose.pressure:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.compiling.lanes import LANES
 from dlo_sim.scene.nets import Connector
-from dlo_sim.simulation.net import Body
+from dlo_sim.simulation.model import Body
 from dlo_sim.simulation.obstacles import NONE_BESIDE, Beside
 
 Array = NDArray[np.float64]

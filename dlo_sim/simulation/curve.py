@@ -12,8 +12,7 @@ from dlo_sim.core.strain import strain
 from dlo_sim.engine.frames import curve_frames
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import NEAREST, Geometry
-from dlo_sim.simulation.model import Part
-from dlo_sim.simulation.net import Body
+from dlo_sim.simulation.model import Body, Part
 
 Array = NDArray[np.float64]
 Basis = tuple[NDArray[np.int64], Array, Array]

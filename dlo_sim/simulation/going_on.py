@@ -52,8 +52,8 @@ def take_over(sim: Running, other: Running) -> None:
     sim.ends.put(points, 0.0, twists)
     sim.cable.point_grasps(0.0)
     strained = other.cable.strained_joints()
-    kept = strained if len(strained) == len(sim.cable.strained_joints()) else None
-    sim.cable.put(points, rates, 0.0, strained=kept)
+    same = len(strained) == len(sim.cable.strained_joints())
+    sim.cable.put(points, rates, 0.0, strained=strained if same else None)
     sim.cable.take_over_samples(other.cable)
     if sim.natural.follows and not sim.natural.equals(other.natural):
         sim.lay_natural_shape()

@@ -21,8 +21,8 @@ from dlo_sim.simulation.connector_shape import beside, groups_of
 from dlo_sim.simulation.geometry import Geometries
 from dlo_sim.simulation.held_rows import fill_rows, held_values
 from dlo_sim.simulation.holding import Holding, Point, Row
-from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.net import Layout, joining, layout_of, rolls_of
+from dlo_sim.simulation.model import Layout, Model
+from dlo_sim.simulation.net import joining, layout_of, rolls_of
 
 Array = NDArray[np.float64]
 LIGHT = 1e-3  # of a third of a span: mass of a body that has none of its own
@@ -187,8 +187,8 @@ class _Joining:
         numbers = {part.name: number for number, part in enumerate(self._parts)}
         places = [[(one.strand, one.u), (one.other, one.at)] for one in self._layout.joins]
         found = [(a, b) for a, b in places]
-        for k, (one, at) in enumerate(places):
-            found += [(one, other) for other, there in places[:k] if there == at]
+        for k, (here, at) in enumerate(places):
+            found += [(here, there) for there, other_at in places[:k] if other_at == at]
         parts, joined = self._layout.parts, []
         for (one, u), (other, v) in found:
             ways = parts[one].drawn[:, 0], parts[other].drawn[:, 0]

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import arguments, bspline, elimination, mass, quadrature
+from dlo_sim.core import arguments, bspline, elimination, mass, quadrature, rotations
 from dlo_sim.engine.arrays import PLASTICITY, CableArrays, Inputs, State
 from dlo_sim.scene.description import Obstacle, Scene
 from dlo_sim.scene.needs import Needs
+from dlo_sim.scene.nets import Connector
 from dlo_sim.simulation.arrays import without_margins
 from dlo_sim.simulation.geometry import Geometries
-from dlo_sim.simulation.holding import Holding
+from dlo_sim.simulation.holding import Holding, Weights
 from dlo_sim.simulation.meshes import Field
-
-if TYPE_CHECKING:
-    from dlo_sim.simulation.net import Body, Join, Layout
 
 Array = NDArray[np.float64]
 MAIN = "cable"  # name of the main strand
@@ -270,3 +270,145 @@ class Part:
     def length(self) -> float:
         """Its rest length [m]."""
         return float(self.model.knots[-1])
+
+
+class Join(NamedTuple):
+    """What holds an end of a strand at a place of another one, or of itself.
+
+    Attributes:
+        strand, u: whose end, and where that is [m]. other, at: where it is held [m].
+        rigid: whether direction and roll are held, too. stiffness: of these [N m/rad]; infinite:
+            rigidly. in_line: whether both tangents are in line; 1, or -1 if the strands meet head
+            to head, else 0.
+    """
+
+    strand: str
+    u: float
+    other: str
+    at: float
+    rigid: bool
+    stiffness: float
+    in_line: int
+
+
+class Body(NamedTuple):
+    """A rigid body.
+
+    Attributes:
+        strand, u: where it is [m]. connector: None for that of a joint.
+        frame: its directors as columns, as those of `Layout.drawn`. length: of its directors [m].
+        first: its first control point; points: origin, ends of e1, e2, e3. alone: whether none of
+            them is of the strand. signs: -1 where a director points from there to the origin.
+    """
+
+    strand: str
+    u: float
+    connector: Connector | None
+    frame: Array
+    length: float
+    first: int
+    points: list[int]
+    alone: bool
+    signs: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    @property
+    def is_hinged(self) -> bool:
+        """Whether it hangs on its origin."""
+        return self.connector is not None and self.connector.joint == "hinged"
+
+    def pose(self, points: Array) -> Array:
+        """Position [m] and quaternion x, y, z, w where its control points are (..., 4, 3), shape
+        (..., 7).
+        """
+        origin = points[..., :1, :]
+        rows = np.array(self.signs)[:, None] * (points[..., 1:, :] - origin) / self.length
+        turned = [rotations.from_matrix(one.T) for one in rows.reshape(-1, 3, 3)]
+        return np.concatenate([origin[..., 0, :], np.reshape(turned, (*rows.shape[:-2], 4))], -1)
+
+    def taken(self, other: Body, points: Array) -> Array:
+        """Its control points where the other body has these, both (4, 3), or their velocities."""
+        ratio = np.array(self.signs) * self.length / (np.array(other.signs) * other.length)
+        return points[0] + np.append(0.0, ratio)[:, None] * (points - points[0])
+
+    def weights(self, arm: Array) -> Weights:
+        """Weights of its control points, from `first` on, in the vector sum_i arm_i e_i."""
+        out = np.zeros(4)
+        for share, sign, point in zip(arm, self.signs, self.points[1:], strict=True):
+            out[point - self.first] += share * sign / self.length
+            out[self.points[0] - self.first] -= share * sign / self.length
+        a, b, c, d = out.tolist()
+        return a, b, c, d
+
+    def inertia(self, light: float) -> Array:
+        """Mass matrix of its control points, from `first` on, shape (4, 4) [kg]; light: mass [kg]
+        on each control point of a joint's that is of no strand.
+        """
+        out = np.zeros((4, 4))
+        if self.connector is None:
+            own = np.array(self.points[2:]) - self.first
+            out[own, own] = light
+            return out
+        one = self.connector
+        center, J = np.array(one.center), np.array(one.inertia)
+        second = np.diag(0.5 * J.sum() - J) + one.mass * np.outer(center, center)
+        # r = o + sum_i a_i e_i has the integrals m, m c and `second` of 1, a and a a^T.
+        moments = np.block(
+            [
+                [np.array([[one.mass]]), one.mass * center[None]],
+                [one.mass * center[:, None], second],
+            ]
+        )
+        columns = np.zeros((4, 4))
+        columns[0, self.points[0] - self.first] = 1.0
+        for k in range(3):
+            columns[1 + k] = self.weights(np.eye(3)[k])
+        return columns.T @ moments @ columns
+
+
+class Layout(NamedTuple):
+    """Where everything of a net is.
+
+    Attributes:
+        parts: the strands by name, the main one first. joins, bodies: see there.
+        n: number of control points.
+    """
+
+    parts: dict[str, Part]
+    joins: tuple[Join, ...]
+    bodies: tuple[Body, ...]
+    n: int
+
+    def by_span(self, values: Sequence[Array], void: float = 0.0) -> Array:
+        """Values of the spans of each strand, shape (spans, ...), in the net, with void spans."""
+        out = np.full((self.n - bspline.DEGREE, *values[0].shape[1:]), void)
+        for part, own in zip(self.parts.values(), values, strict=True):
+            out[part.spans] = own
+        return out
+
+    def by_point(self, values: Sequence[Array]) -> Array:
+        """Values of the control points of each strand, shape (..., n), in the net, 0 elsewhere."""
+        out = np.zeros((*values[0].shape[:-1], self.n))
+        for part, own in zip(self.parts.values(), values, strict=True):
+            out[..., part.here] = own
+        return out
+
+    def is_seamless(self, join: Join) -> bool:
+        """Whether the curvature goes on through a joint: of like cables in line, rigidly joined,
+        with nothing else there.
+        """
+        both = {(join.strand, join.u), (join.other, join.at)}
+        cables = [self.parts[name].model.scene.cable for name, _ in both]
+        alike = all(
+            (one.EI, one.natural_shape) == (cables[0].EI, cables[0].natural_shape) for one in cables
+        )
+        joins = [one for one in self.joins if both & {(one.strand, one.u), (one.other, one.at)}]
+        bodies = [one for one in self.bodies if (one.strand, one.u) in both]
+        held = join.at not in (0.0, self.parts[join.other].length)  # amid the other strand
+        rigid = join.in_line == 1 and math.isinf(join.stiffness)
+        return rigid and alike and len(joins) == 1 and not bodies and not held
+
+    def root(self, strand: str) -> Body:
+        """The body in which a strand begins."""
+        return next(
+            one for one in self.bodies if (one.strand, one.u, one.alone) == (strand, 0.0, False)
+        )

@@ -13,7 +13,7 @@ from functools import partial
 from dlo_sim.studies import Outcome, Request, bodies, strands
 from dlo_sim.studies.known_answers import Answer, Answers
 from dlo_sim.studies.report import Report
-from dlo_sim.studies.throws import throws
+from dlo_sim.studies.throws import throws, throws_of_two
 
 # A test as a function of its resolution, and resolutions: of every study, and of a full one.
 Test = tuple[Callable[..., Answers], tuple[float, ...], tuple[float, ...]]
@@ -51,7 +51,10 @@ PANELS: dict[str, dict[str, Test]] = {  # panel of the figure -> name -> test
         "linked loops": (strands.linked, (70,), (100,)),
         "plectoneme": (strands.plectoneme, (40,), (60,)),
     },
-    "throws": {"random throws at 20 m/s": (throws, (60,), (1000,))},
+    "throws": {
+        "random throws at 20 m/s": (throws, (60,), (1000,)),
+        "of two cables": (throws_of_two, (30,), (500,)),
+    },
 }
 HEADER = (
     "test | resolution | quantity | exact | measured | error [%] | allowed | verdict | run time [s]"

@@ -209,11 +209,15 @@ def plectoneme(points: int) -> Answers:
     )
 
 
-def writhe(line: Array) -> float:
+def writhe(line: Array, cut: int = 0) -> float:
     """Writhe of a polygon (m, 3): of all pairs of its edges, the solid angle of the directions in
-    which they are seen to cross, over 2 pi (Klenin and Langowski 2000, method 1a).
+    which they are seen to cross, over 2 pi (Klenin and Langowski 2000, method 1a); of two polygons
+    one after the other, that of the first `cut` points with the others.
     """
     first, second = np.triu_indices(len(line) - 1, 2)
+    if cut:
+        apart = (first < cut - 1) & (second >= cut)
+        first, second = first[apart], second[apart]
     begin, end = line[:-1], line[1:]
     corners = [
         begin[second] - begin[first],

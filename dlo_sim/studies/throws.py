@@ -1,4 +1,5 @@
-"""Random throws of a thin cable at small bodies and at itself, and whether anything passed through.
+"""Random throws of a thin cable at small bodies, itself and another cable, and whether it passed
+through.
 
 That is found from the simulated shapes alone, not from what the simulator knows of contact. Points
 of the axis are taken to move straight between two looks:
@@ -17,7 +18,15 @@ import numpy as np
 from dlo_sim.core import mass, rotations
 from dlo_sim.scene.description import Obstacle
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.known_answers import Answer, Answers, Array, Values, along, laid_along
+from dlo_sim.studies.known_answers import (
+    Answer,
+    Answers,
+    Array,
+    Values,
+    along,
+    laid_along,
+    simulator,
+)
 from dlo_sim.studies.runs import Timed
 from dlo_sim.studies.strands import writhe
 
@@ -81,6 +90,59 @@ def throws(count: int) -> Answers:
         except RuntimeError:
             failed += 1
     return judged(count, found, failed)
+
+
+def throws_of_two(count: int) -> Answers:
+    """`count` throws of a cable at another one."""
+    found, failed = [], 0
+    for number in range(count):
+        try:
+            found.append(thrown_at_another(number, {}))
+        except RuntimeError:
+            failed += 1
+    answers = (
+        Answer(f"of {count} throws at a cable pass", 0.0, sum(one.passed for one in found), 0.0),
+        Answer(f"of {count} fail or are NaN", 0.0, failed + sum(not t.finite for t in found), 0.0),
+        Answer(f"of {count} touch nothing", 0.0, sum(not one.hit for one in found), 0.1 * count),
+        Answer("energy, open by", 0.0, largest([one.energy for one in found]), 1e-4),
+        Answer("momentum, open by", 0.0, largest([one.momentum or 0.0 for one in found]), 1e-9),
+    )
+    return Answers(answers, sum(one.seconds for one in found), None)
+
+
+def thrown_at_another(number: int, settings: Values) -> Throw:
+    """The throw of this number, of a straight cable down at another one; both begin to swing."""
+    rng, step = np.random.default_rng(number), STEPS[number % len(STEPS)]
+    angle, shift = rng.uniform(0.3, 2.8), rng.uniform(-0.3, 0.3, 2) * LENGTH
+    over, way = np.array([*shift, 0.5 * AWAY]), np.array([math.cos(angle), math.sin(angle), 0.0])
+    ends: Values = {"cables.names": ["other"], "contact.self_contact": "on"}
+    for key, at, axis in (("", np.zeros(3), np.eye(3)[0]), ("cables.other.", over, way)):
+        for end, side in (("start", -0.5), ("end", 0.5)):
+            ends[f"{key}{end}.position"] = (at + side * LENGTH * axis).tolist()
+            ends[f"{key}{end}.fixed"] = [False] * 3
+        ends[f"{key}cable.length"] = LENGTH
+        ends[f"{key}discretization.control_points"] = POINTS
+    rough: Values = {"contact.friction": float(rng.choice([0.0, 0.3]))}
+    sim = simulator(THROWN, ends, rough, settings, step=step)
+    rates = np.zeros_like(sim.velocities)
+    for part, speed in zip(sim.model.parts, (0.0, SPEED), strict=True):
+        waves = np.sin(math.pi * rng.uniform(0.5, 2.0) * np.linspace(0.0, 1.0, POINTS))
+        rates[part.here, :3] = np.outer(waves, rng.normal(0.0, 1.0, 3)) - [0.0, 0.0, speed]
+    sim.start_from(sim.control_points, rates)
+    u, passed, hit, thrust = np.linspace(0.0, LENGTH, PLACES), False, False, momentum(sim)
+
+    def both() -> Array:
+        return np.concatenate([curve.points(u) for curve in sim.curves.values()])
+
+    line = both()
+    for _ in range(round(DURATION / max(step, LOOK))):
+        sim.run(max(step, LOOK))
+        hit = hit or sim.energy().contact > 0.0
+        before, line = line, both()
+        passed = passed or abs(writhe(line, PLACES) - writhe(before, PLACES)) > JUMP
+    changed = float(np.linalg.norm(momentum(sim) - thrust) / np.linalg.norm(thrust))
+    finite = bool(np.isfinite(sim.velocities).all())
+    return Throw("itself", passed, finite, hit, sim.energy_error, changed, sim.seconds)
 
 
 def judged(count: int, found: list[Throw], failed: int) -> Answers:

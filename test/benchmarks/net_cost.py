@@ -1,6 +1,6 @@
 """Time of a step of nets against their control points, and of a harness against one cable.
 
-    python test/benchmarks/nets.py [REPEATS]
+    python test/benchmarks/net_cost.py [REPEATS]
 
 Prints, for a cable with three branches, microseconds and force evaluations per step with 20 to 2000
 control points, the exponent of the time, and its ratio to a single cable with as many.
@@ -75,9 +75,8 @@ def cost(sim: Simulator) -> tuple[float, float]:
 
 def main(repeats: int) -> None:
     """Print the table."""
-    print(
-        f"{'points':>7} {'harness us':>11} {'evaluations':>12} {'single us':>10} {'evaluations':>12} {'ratio':>6}"
-    )
+    names = "points", "harness us", "evaluations", "single us", "evaluations", "ratio"
+    print(" ".join(f"{name:>11}" for name in names))
     counts, costs = [], []
     for points in COUNTS:
         net = harness(points)
@@ -87,9 +86,8 @@ def main(repeats: int) -> None:
         )
         counts.append(net.model.n)
         costs.append(us)
-        print(
-            f"{counts[-1]:7d} {us:11.1f} {evaluations:12.2f} {other:10.1f} {fewer:12.2f} {us / other:6.2f}"
-        )
+        row = counts[-1], us, evaluations, other, fewer, us / other
+        print(" ".join(f"{number:11.2f}" for number in row))
     exponent = np.log(costs[-1] / costs[0]) / np.log(counts[-1] / counts[0])
     print(f"exponent of the time: {exponent:.2f}")
 

@@ -7,9 +7,16 @@ from cables import scene_of, solve_held
 from nets import WEIGHTLESS, net, system
 from numba import boolean, int64, void
 
-from dlo_sim.compiling.kernels import kernel
+from dlo_sim.compiling.groups import grid
+from dlo_sim.compiling.kernels import ARRAY_2D, kernel
 from dlo_sim.engine.arrays import BETWEEN, IN_SKYLINE, IN_STATE, cable_at
-from dlo_sim.engine.band import eliminate, hold, set_border, solve_border
+from dlo_sim.engine.band import (
+    eliminate,
+    hold,
+    negative_eigenvalues,
+    set_border,
+    solve_border,
+)
 from dlo_sim.engine.skyline import (
     begin_skyline,
     eliminate_skyline,
@@ -104,6 +111,22 @@ def test_the_columns_of_a_skyline_are_those_of_the_band():
     assert found[0][0].shape[1] >= 8 and np.abs(found[0][0]).max() > 0.0
     for one, other in zip(*found, strict=True):
         assert np.abs(one - other).max() < 1e-10 * np.abs(one).max()
+
+
+@kernel(int64, ARRAY_2D, int64, family=BETWEEN)
+def count_negative(matrix, size):
+    return negative_eigenvalues(grid(matrix), size)
+
+
+def test_counting_reads_and_writes_only_the_matrix():
+    """Also where a search for a shape went so far that its entries are no numbers."""
+    whole = np.arange(25.0).reshape(5, 5)
+    for inside in (np.full((3, 3), np.nan), np.array([[1.0, 2, 0], [2, 1, 0], [0, 0, -1]])):
+        matrix = whole.copy()
+        matrix[:3, :3] = inside
+        count = count_negative.code(0)(matrix, 3)
+        assert np.isnan(inside).all() or count == 2
+        assert np.array_equal(matrix[3:], whole[3:]) and np.array_equal(matrix[:, 3:], whole[:, 3:])
 
 
 def test_a_cable_cut_in_two_and_joined_rests_as_uncut():

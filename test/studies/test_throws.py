@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from dlo_sim.studies.throws import KINDS, Throw, judged, swept, thrown
+from dlo_sim.studies.throws import (
+    KINDS,
+    Throw,
+    judged,
+    swept,
+    thrown,
+    thrown_at_another,
+    throws_of_two,
+)
 
 OFF = {"box": "terms.contact", "sphere": "terms.contact", "edge": "terms.contact"}
 
@@ -15,6 +23,12 @@ def test_a_throw_passes_through_only_without_contact(number):
     assert hit.kind == kind and hit.hit and hit.finite and not hit.passed
     assert hit.energy < 1e-5
     through = thrown(number, {OFF.get(kind, "contact.self_contact"): "off"})
+    assert through.passed and not through.hit
+
+
+def test_cables_thrown_at_each_other_pass_only_without_contact(number=1):
+    assert all(one.meets for one in throws_of_two(12).answers)
+    through = thrown_at_another(number, {"contact.self_contact": "off"})
     assert through.passed and not through.hit
 
 
