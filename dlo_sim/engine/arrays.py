@@ -18,6 +18,7 @@ from dlo_sim.compiling.groups import Group, Lanes, Number, Numbers, Reals, Whole
 
 MARGIN = 3  # columns before the first control point
 PADDING = 16  # zeros before and behind a vector of all unknowns
+SOME = 32  # columns for which `band.solve_border` solves at a time
 MOST_CORRECTIONS = 14  # of one implicit step with one matrix
 MOST_STAGES = 4  # of a Runge-Kutta method
 ROLL_SIZE = 7  # numbers of `State.roll`
@@ -389,6 +390,7 @@ class Work(Group):
         "forces_known",  # 1 while `force` is that of the present state, for explicit methods
         "power",  # of the grasps at the present state [W] (`methods.runge_kutta`)
         "grounded",  # border rows that undo groundings (`band.ground_border`)
+        "border_known",  # 1 where border rows but rolls are those of the step before
         "whole_rolls",  # 1 where rolls balance the residual with all of F (`engine.band`)
         "coupled",  # where the factors of the step are: IN_STATE or IN_SKYLINE
         "decaying",  # that of the balance at the start of the step
@@ -443,6 +445,7 @@ class Work(Group):
     border_free = Wholes("bordered", 2)  # 1 for places of rows that touch none of these
     border_gram = Reals("kept_rows", "border_columns")  # (P F^T)^-1 of the rigid rows
     border_shift = Reals("padded", "border_columns")  # Z, from row PADDING on
+    border_some = Reals("bordered_padded", SOME)  # columns of Z that are not zero on one strand
     border_system = Reals("bordered", "border_columns")  # (C Z + compliance)^-1
     border_share = Reals("border_columns")
     border_signs = Reals("bordered", "bordered")

@@ -54,6 +54,7 @@ from dlo_sim.engine.arrays import (
     PADDING,
     RIGID,
     ROLLED,
+    SOME,
     VECTOR,
 )
 from dlo_sim.engine.skyline import substitute_skyline, substitute_skyline_columns
@@ -447,7 +448,7 @@ def spread(cable, matrix, k, scale, y, begin):
 
 @inline
 def set_places(cable, k):
-    """Set where border row k acts, and its compliance."""
+    """Set where border row k acts, its compliance, and whether it is free of what others hold."""
     rows, rolls, points, work = cable.rows, cable.rolls, cable.points, cable.work
     row = border_row(cable, k)
     if row < 0:
@@ -464,7 +465,15 @@ def set_places(cable, k):
     for w in range(2):
         work.border_free[k, w] = 1
         for j in range(4 if work.border_at[k, w] >= 0 else 0):
-            if work.held_point[work.border_at[k, w] // cable.lines + j] == 1:
+            weight = 1.0
+            if row >= 0 and w == 1:
+                weight = points.other_weights[rows.point[row], j]
+            elif row >= 0:
+                weight = points.weights[rows.point[row], j]
+            elif w == 0:
+                weight = rolls.weights[roll_of(cable, k), j]
+            held = work.held_point[work.border_at[k, w] // cable.lines + j] == 1
+            if held and weight != 0.0:
                 work.border_free[k, w] = 0
 
 
@@ -522,10 +531,15 @@ def write_border(cable, first, directions, rolled, free, out):
 @kernel(void, CABLE, LINES, LINES, terms=BORDERED)
 def set_border(cable, pushed, ahead):
     """Set F with the directions `pushed`, C with the directions `ahead`, and (P F^T)^-1; those of
-    rolls from `work.roll_force` and `work.roll_condition`.
+    rolls from `work.roll_force` and `work.roll_condition`. Where no other row turns or meets what
+    is held, all but the rolls stay for the steps of a call.
     """
-    work = cable.work
+    work, first = cable.work, cable.rows.border
     work.results.grounded = 0.0
+    if work.results.border_known != 0.0:
+        write_border(cable, first, pushed, work.roll_force, NO, work.border_push)
+        set_roll_rows(cable, pushed, ahead)
+        return
     find_coupled(cable)
     for i in range(cable.n):
         work.held_point[i] = 0
@@ -542,6 +556,12 @@ def set_border(cable, pushed, ahead):
     if set_gram(cable) < LEAST_PIVOT and cable.rolls.rigid_rolls > 0:
         work.results.whole_rolls = 1.0
         set_gram(cable)
+    work.results.border_known = 0.0 if work.results.whole_rolls != 0.0 else 1.0
+    for k in range(bordered(cable)):
+        row, free = border_row(cable, k), work.border_free[k, 0] == 1
+        turned = row >= 0 and (cable.rows.line[row] < 0 or work.border_free[k, 1] == 0)
+        if turned or not free:
+            work.results.border_known = 0.0
 
 
 @kernel(void, CABLE, LINES, terms=ROLLED)
@@ -730,56 +750,88 @@ def ground_border(cable, band):
 
 @kernel(void, CABLE, LINES, float64, terms=BORDERED)
 def solve_border(cable, band, share):
-    """Compute Z = K^-1 F^T and (C Z + compliance)^-1 with the LU factors of K, eight columns at a
-    time. `share`: of the stiffness of joints in the matrix, as of the other springs.
+    """Compute Z = K^-1 F^T and (C Z + compliance)^-1 with the LU factors of K. `share`: of the
+    stiffness of joints in the matrix, as of the other springs.
     """
     work, size, count = cable.work, cable.n * cable.lines, border_columns(cable)
     z, system = work.border_shift, work.border_system
-    for column in range(0, count, LANES):
-        for r in range(PADDING, PADDING + size):
+    for r in range(PADDING, PADDING + size):
+        for column in range(0, count, LANES):
             store(z, r, column, 0.0)
-    for k in range(count):
-        for w in range(2):
-            at = PADDING + work.border_at[k, w]
-            for r in range(4 * cable.lines if at >= PADDING else 0):
-                z[at + r, k] += work.border_force[k, w, r]
-    begin = 0
-    while begin < cable.n and work.results.coupled != IN_SKYLINE:
-        low, high = cable.lines * begin, cable.lines * work.coupled_end[begin]
-        begin = work.coupled_end[begin]
-        column = 0
-        while column < count:
-            a = b = c = d = 0
-            found, first = 0, high
-            while column < count and found < 4:
-                seen = first_seen(cable, column, low, high)
-                if seen < high:
-                    first = min(first, seen)
-                    a = column if found == 0 else a
-                    b = column if found <= 1 else b
-                    c = column if found <= 2 else c
-                    d = column
-                    found += 1
-                column += LANES
-            if found > 0 and cable.lines == 2:
-                substitute_columns(band, low, high, 7, first, a, b, c, d, z)
-            elif found > 0 and cable.lines == 3:
-                substitute_columns(band, low, high, 11, first, a, b, c, d, z)
-            elif found > 0:
-                substitute_columns(band, low, high, 15, first, a, b, c, d, z)
-    for column in range(0, count if work.results.coupled == IN_SKYLINE else 0, LANES):
-        substitute_skyline_columns(cable, size, 0, column, z)
+    if work.results.coupled == IN_SKYLINE:
+        for k in range(count):
+            add_column(cable, k, k, 0, size, z)
+        for column in range(0, count, LANES):
+            substitute_skyline_columns(cable, size, 0, column, z)
+    else:
+        begin = 0
+        while begin < cable.n:
+            end = work.coupled_end[begin]
+            solve_columns(cable, band, cable.lines * begin, cable.lines * end, count)
+            begin = end
     for j in range(count):
         for column in range(0, count, LANES):
-            sums = zero()
-            for w in range(2):
-                at = PADDING + work.border_at[j, w]
-                for r in range(4 * cable.lines if at >= PADDING else 0):
-                    if work.border_condition[j, w, r] != 0.0:
-                        sums += work.border_condition[j, w, r] * load(z, at + r, column)
-            store(system, j, column, sums)
+            store(system, j, column, 0.0)
+        for w in range(2):
+            at = PADDING + work.border_at[j, w]
+            for r in range(4 * cable.lines if at >= PADDING else 0):
+                factor = work.border_condition[j, w, r]
+                for column in range(0, count if factor != 0.0 else 0, LANES):
+                    sums = load(system, j, column) + factor * load(z, at + r, column)
+                    store(system, j, column, sums)
         system[j, j] += work.border_compliance[j] / share_of(cable, j, share)
     invert_pivoted(system, count, work.border_order)
+
+
+@inline
+def first_seen(cable, k, low, high):
+    """First unknown from `low` on at which border row k acts, or `high`."""
+    first, places = high, cable.work.border_at[k]
+    for w in range(2):
+        first = min(first, places[w]) if low <= places[w] else first
+    return first
+
+
+@inline
+def add_column(cable, k, column, low, high, z):
+    """Add border row k of F, from the unknown `low` to before `high`, to a column of z."""
+    for w in range(2):
+        at = cable.work.border_at[k, w]
+        if low <= at < high:
+            for r in range(4 * cable.lines):
+                z[PADDING + at + r, column] += cable.work.border_force[k, w, r]
+
+
+@inline
+def solve_columns(cable, band, low, high, count):
+    """Z at the unknowns from `low` to before `high`, which are coupled to no others: the columns
+    that are not zero, up to 32 at a time.
+    """
+    work, lines = cable.work, cable.lines
+    z, some, here = work.border_shift, work.border_some, work.border_order
+    k = 0
+    while k < count:
+        found, first = 0, high
+        while k < count and found < SOME:
+            begin = first_seen(cable, k, low, high)
+            if begin < high:
+                here[found], first = k, min(first, begin)
+                found += 1
+            k += 1
+        for r in range(low, high + 2 * PADDING):
+            for column in range(0, LANES if found <= LANES else SOME, LANES):
+                store(some, r, column, 0.0)
+        for column in range(found):
+            add_column(cable, here[column], column, low, high, some)
+        if found > 0 and lines == 2:
+            substitute_columns(band, low, high, 7, first, found, some)
+        elif found > 0 and lines == 3:
+            substitute_columns(band, low, high, 11, first, found, some)
+        elif found > 0:
+            substitute_columns(band, low, high, 15, first, found, some)
+        for r in range(PADDING + low, PADDING + high):
+            for column in range(found):
+                z[r, here[column]] = some[r, column]
 
 
 @inline
@@ -793,49 +845,51 @@ def share_of(cable, k, share):
 
 
 @inline
-def first_seen(cable, column, low, high):
-    """First unknown from `low` on at which eight border rows from `column` on act, or `high`."""
-    first, last = high, min(column + LANES, border_columns(cable))
-    for k in range(column, last):
-        for w in range(2):
-            at = cable.work.border_at[k, w]
-            if at >= 0 and at < high and at + 4 * cable.lines > low:
-                first = min(first, max(at, low))
-    return first
-
-
-@inline
-def substitute_columns(band, low, high, half, first, a, b, c, d, z):
-    """`substitute_rows` for eight columns of z from each of a, b, c and d on, some of which may be
-    the same, and the unknowns from `low` to before `high`, which are coupled to no others; zero
-    before `first`. Four sums at a time, as each waits for its last product.
+def substitute_columns(band, low, high, half, first, count, z):
+    """`substitute_rows` for `count` columns of z, up to 32, and the unknowns from `low` to before
+    `high`, which are coupled to no others; zero before `first`. More than eight columns are summed
+    together, as each sum waits for its last product.
     """
+    if count <= LANES:
+        for r in range(first, high):
+            row, at = band[r], PADDING + r
+            value = load(z, at, 0)
+            for k in range(half):
+                value -= row[k] * load(z, at - half + k, 0)
+            store(z, at, 0, value)
+        for r in range(high - 1, low - 1, -1):
+            row, at = band[r], PADDING + r
+            value = load(z, at, 0)
+            for k in range(half, 0, -1):
+                value -= row[half + k] * load(z, at + k, 0)
+            store(z, at, 0, value * row[half])
+        return
     for r in range(first, high):
         row, at = band[r], PADDING + r
-        sa, sb, sc, sd = load(z, at, a), load(z, at, b), load(z, at, c), load(z, at, d)
+        a, b, c, d = load(z, at, 0), load(z, at, 8), load(z, at, 16), load(z, at, 24)
         for k in range(half):
             factor, i = row[k], at - half + k
-            sa -= factor * load(z, i, a)
-            sb -= factor * load(z, i, b)
-            sc -= factor * load(z, i, c)
-            sd -= factor * load(z, i, d)
-        store(z, at, a, sa)
-        store(z, at, b, sb)
-        store(z, at, c, sc)
-        store(z, at, d, sd)
+            a -= factor * load(z, i, 0)
+            b -= factor * load(z, i, 8)
+            c -= factor * load(z, i, 16)
+            d -= factor * load(z, i, 24)
+        store(z, at, 0, a)
+        store(z, at, 8, b)
+        store(z, at, 16, c)
+        store(z, at, 24, d)
     for r in range(high - 1, low - 1, -1):
         row, at = band[r], PADDING + r
-        sa, sb, sc, sd = load(z, at, a), load(z, at, b), load(z, at, c), load(z, at, d)
+        a, b, c, d = load(z, at, 0), load(z, at, 8), load(z, at, 16), load(z, at, 24)
         for k in range(half, 0, -1):
             factor, i = row[half + k], at + k
-            sa -= factor * load(z, i, a)
-            sb -= factor * load(z, i, b)
-            sc -= factor * load(z, i, c)
-            sd -= factor * load(z, i, d)
-        store(z, at, a, sa * row[half])
-        store(z, at, b, sb * row[half])
-        store(z, at, c, sc * row[half])
-        store(z, at, d, sd * row[half])
+            a -= factor * load(z, i, 0)
+            b -= factor * load(z, i, 8)
+            c -= factor * load(z, i, 16)
+            d -= factor * load(z, i, 24)
+        store(z, at, 0, a * row[half])
+        store(z, at, 8, b * row[half])
+        store(z, at, 16, c * row[half])
+        store(z, at, 24, d * row[half])
 
 
 @kernel(int64, CABLE, terms=BORDERED, family=BETWEEN)

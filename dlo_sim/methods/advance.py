@@ -79,7 +79,7 @@ def advance(address, method_address, first, steps, tau, records_address, motions
     cable, method = cable_at(address), method_at(method_address)
     records, results = records_at(records_address), cable.work.results
     ahead, shape, rotations = grid(motions), grid(natural), grid(turns)
-    results.evaluations = results.forces_known = 0.0
+    results.evaluations = results.forces_known = results.border_known = 0.0
     status, done = OK, 0
     while status == OK and done < steps:
         step, t0, t1 = first + done, (first + done) * tau, (first + done + 1) * tau

@@ -98,6 +98,7 @@ def sizes_of(
         "pairings": lines * lines,
         "width": 16 if lines == 2 else 32,
         "padded": unknowns + 2 * PADDING,
+        "bordered_padded": (unknowns + 2 * PADDING) * (bordered > 0),
         "twist_columns": columns * twist,
         "bishop_columns": columns * bishop,
         "bishop_lines": lines * bishop,
