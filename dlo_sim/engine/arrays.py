@@ -390,7 +390,7 @@ class Work(Group):
         "forces_known",  # 1 while `force` is that of the present state, for explicit methods
         "power",  # of the grasps at the present state [W] (`methods.runge_kutta`)
         "grounded",  # border rows that undo groundings (`band.ground_border`)
-        "border_known",  # 1 where border rows but rolls are those of the step before
+        "border_known",  # whether border rows but rolls stay from step to step (`band.KNOWN`)
         "whole_rolls",  # 1 where rolls balance the residual with all of F (`engine.band`)
         "coupled",  # where the factors of the step are: IN_STATE or IN_SKYLINE
         "decaying",  # that of the balance at the start of the step

@@ -60,6 +60,7 @@ from dlo_sim.engine.arrays import (
 from dlo_sim.engine.skyline import substitute_skyline, substitute_skyline_columns
 from dlo_sim.terms.vectors import cross
 
+UNKNOWN, KNOWN = 1.0, 2.0  # values of `border_known`, which is 0 outside of steps
 LEAST_PIVOT = 1e-3  # of P P^T (see above), with weights of about 1
 
 # -- the matrix ----------------------------------------------------------------------------------
@@ -536,7 +537,7 @@ def set_border(cable, pushed, ahead):
     """
     work, first = cable.work, cable.rows.border
     work.results.grounded = 0.0
-    if work.results.border_known != 0.0:
+    if work.results.border_known == KNOWN:
         write_border(cable, first, pushed, work.roll_force, NO, work.border_push)
         set_roll_rows(cable, pushed, ahead)
         return
@@ -556,12 +557,13 @@ def set_border(cable, pushed, ahead):
     if set_gram(cable) < LEAST_PIVOT and cable.rolls.rigid_rolls > 0:
         work.results.whole_rolls = 1.0
         set_gram(cable)
-    work.results.border_known = 0.0 if work.results.whole_rolls != 0.0 else 1.0
-    for k in range(bordered(cable)):
-        row, free = border_row(cable, k), work.border_free[k, 0] == 1
-        turned = row >= 0 and (cable.rows.line[row] < 0 or work.border_free[k, 1] == 0)
-        if turned or not free:
-            work.results.border_known = 0.0
+    if work.results.border_known == UNKNOWN and work.results.whole_rolls == 0.0:
+        work.results.border_known = KNOWN
+        for k in range(bordered(cable)):
+            row, free = border_row(cable, k), work.border_free[k, 0] == 1
+            turned = row >= 0 and (cable.rows.line[row] < 0 or work.border_free[k, 1] == 0)
+            if turned or not free:
+                work.results.border_known = UNKNOWN
 
 
 @kernel(void, CABLE, LINES, terms=ROLLED)

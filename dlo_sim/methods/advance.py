@@ -27,6 +27,7 @@ from dlo_sim.engine.arrays import (
     records_at,
 )
 from dlo_sim.engine.assembly import flow
+from dlo_sim.engine.band import UNKNOWN
 from dlo_sim.engine.rows import grasps_move, set_targets
 from dlo_sim.engine.sampling import begin_sample, end_sample
 from dlo_sim.methods.implicit import implicit_step
@@ -79,7 +80,8 @@ def advance(address, method_address, first, steps, tau, records_address, motions
     cable, method = cable_at(address), method_at(method_address)
     records, results = records_at(records_address), cable.work.results
     ahead, shape, rotations = grid(motions), grid(natural), grid(turns)
-    results.evaluations = results.forces_known = results.border_known = 0.0
+    results.evaluations = results.forces_known = 0.0
+    results.border_known = UNKNOWN
     status, done = OK, 0
     while status == OK and done < steps:
         step, t0, t1 = first + done, (first + done) * tau, (first + done + 1) * tau
@@ -100,4 +102,5 @@ def advance(address, method_address, first, steps, tau, records_address, motions
             if sampling:
                 end_sample(cable, records, t0, tau)
             done += 1
+    results.border_known = 0.0  # a search for a shape changes what it finds
     return status, done, int64(results.evaluations)
