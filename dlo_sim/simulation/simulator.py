@@ -188,24 +188,27 @@ class Simulator(Running):
         """Material coordinate [m] of each control point (Greville abscissa), shape (n_u,)."""
         return self.curve.greville.copy()
 
-    def centerline(self, u: ArrayLike) -> Array:
+    def centerline(self, u: ArrayLike, strand: str = MAIN) -> Array:
         """Points of the cable [m] at material coordinates u [m] in [0, L], shape (len(u), 3).
 
+        Args:
+            strand: of a net, `cable` or the name of a branch or further cable.
+
         Raises:
-            TypeError, ValueError: not such numbers.
+            TypeError, ValueError: not such numbers; no such cable.
         """
-        return self.curve.points(_coordinates(u))
+        return self.strand(strand).points(_coordinates(u))
 
     def strand(self, name: str) -> Curve:
-        """A cable of a net, `cable` or the name of a branch or further cable, of which the shape
-        can be read as that of the main one.
+        """A cable of a net, `cable` or the name of a branch or further cable: its rest length,
+        control points and their material coordinates.
 
         Raises:
             TypeError, ValueError: no such cable.
         """
         return self.curves[arguments.one_of("strand", name, self.curves)]
 
-    def tension(self, u: ArrayLike) -> Array:
+    def tension(self, u: ArrayLike, strand: str = MAIN) -> Array:
         """Tension EA (|r'| - 1) - EI kappa^2 [N] at u, shape (len(u),), without damping forces.
 
         Interpolated linearly between the means of the knot spans; negative under compression.
@@ -213,23 +216,23 @@ class Simulator(Running):
         Raises:
             TypeError, ValueError: as `centerline`; the shape does not determine the tension.
         """
-        return self.curve.tension(_coordinates(u))
+        return self.strand(strand).tension(_coordinates(u))
 
-    def curvature(self, u: ArrayLike) -> Array:
+    def curvature(self, u: ArrayLike, strand: str = MAIN) -> Array:
         """Curvature [1/m] at u, shape (len(u),), 0 or more.
 
         Raises:
             TypeError, ValueError: as `centerline`.
         """
-        return self.curve.curvature(_coordinates(u))
+        return self.strand(strand).curvature(_coordinates(u))
 
-    def frames(self, u: ArrayLike) -> Array:
+    def frames(self, u: ArrayLike, strand: str = MAIN) -> Array:
         """Material frames at u as quaternions x, y, z, w, shape (len(u), 4); x axis = tangent.
 
         Raises:
             TypeError, ValueError: as `centerline`.
         """
-        return self.curve.frames(_coordinates(u), self.time)
+        return self.strand(strand).frames(_coordinates(u), self.time)
 
     def control_poses(self, out: Array, strand: str = MAIN) -> None:
         """Write into out, shape (n_u, 7), every control point [m] of a cable with the material

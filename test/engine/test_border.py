@@ -139,5 +139,5 @@ def test_a_cable_cut_in_two_and_joined_rests_as_uncut():
     u = np.linspace(0.0, 0.4, 11)
     assert np.abs(whole.centerline([1.0])[0, 2]) > 0.2
     assert np.abs(cut.centerline(u) - whole.centerline(u)).max() < 1e-8
-    beyond = cut.strand("b").points(1.5 * u)
+    beyond = cut.centerline(1.5 * u, "b")
     assert np.abs(beyond - whole.centerline(0.4 + 1.5 * u)).max() < 1e-8

@@ -109,7 +109,7 @@ def test_branch_feels_its_gripper_and_its_load():
     feed(session)
     sim = session.simulator
     assert sim.end_pose("a.end")[0][1] > 0.03
-    assert sim.strand("a").points(np.array([0.3]))[0] == pytest.approx(sim.end_pose("a.end")[0])
+    assert sim.centerline([0.3], "a")[0] == pytest.approx(sim.end_pose("a.end")[0])
     assert session.newest_poses["a.end"].position[1] == pytest.approx(0.05 * np.sin(4 * 0.49))
     number = [one.name for one in sim.scene.loads].index("hand")
     assert sim.cable.loads[number, 1] != 0.0

@@ -110,7 +110,7 @@ def test_a_branch_that_is_turned_bends_its_parent(joint, angle, stiffness=0.1):
     shares = 0.3 / GJ, length / (16.0 * stiff), (joint == "elastic") / stiffness
     torque = angle / sum(shares)
     assert sim.reaction("b.end")[1][2] == pytest.approx(torque, rel=5e-3)
-    middle = sim.strand("cable").points(np.array([0.4999, 0.5001]))
+    middle = sim.centerline([0.4999, 0.5001], "cable")
     bent = np.arctan2(*(middle[1] - middle[0])[[1, 0]])
     assert bent == pytest.approx(torque * shares[1], rel=5e-3)
 
@@ -126,7 +126,7 @@ def test_a_push_across_the_end_of_a_branch_twists_its_parent():
     sim = net(WEIGHTLESS, CLAMPED, main, b={"at": 0.5, "direction": Z, "cable.length": reach})
     roll = push * reach * length / (4.0 * GJ)
     expected = push * (reach**3 / (3.0 * stiff) + length**3 / (192.0 * stiff)) + roll * reach
-    assert sim.strand("b").points(np.array([reach]))[0, 1] == pytest.approx(expected, rel=5e-3)
+    assert sim.centerline([reach], "b")[0, 1] == pytest.approx(expected, rel=5e-3)
     frame = sim.frames(np.linspace(0.0, 0.5, 9))[-1]
     assert 2.0 * np.arctan2(frame[0], frame[3]) == pytest.approx(-roll, rel=5e-3)
 

@@ -130,8 +130,8 @@ def test_arms_of_equal_tension_meet_at_120_degrees():
         main |= {f"loads.{name}.{key}": value for key, value in signal.items()}
         branches[name] = {"at": 1.0, "joint": "hinged", "direction": along}
     sim = net(STRING, WEIGHTLESS, main, **branches)
-    tangents = [sim.strand("cable").points(np.array([0.5, 0.4]))]
-    tangents += [sim.strand(name).points(np.array([0.0, 0.1])) for name in branches]
+    tangents = [sim.centerline([0.5, 0.4], "cable")]
+    tangents += [sim.centerline([0.0, 0.1], name) for name in branches]
     away = np.array([(b - a) / np.linalg.norm(b - a) for a, b in tangents])
     angles = np.degrees(np.arccos([away[0] @ away[1], away[1] @ away[2], away[2] @ away[0]]))
     np.testing.assert_allclose(angles, 120.0, rtol=1e-3)
@@ -194,7 +194,7 @@ def test_a_cable_cut_in_two_and_joined_moves_as_uncut(twist):
     u = np.linspace(0.0, 0.4, 21)
     apart = [
         np.abs(cut.centerline(u) - whole.centerline(u)).max(),
-        np.abs(cut.strand("b").points(1.5 * u) - whole.centerline(0.4 + 1.5 * u)).max(),
+        np.abs(cut.centerline(1.5 * u, "b") - whole.centerline(0.4 + 1.5 * u)).max(),
     ]
     assert np.abs(whole.centerline(u)[:, 1:]).max() > 0.03
     assert max(apart) < (1e-10 if twist == "off" else 1e-6)

@@ -23,11 +23,11 @@ def test_harness_rests_and_is_moved_by_two_grippers(tmp_path):
     sim, found = along("harness", tmp_path)
     report = sim.advance(0.5)
     assert report.status.ok and sim.energy().kinetic < 1e-20
-    clip = sim.strand("motor").points(np.array([0.2]))[0]
+    clip = sim.centerline([0.2], "motor")[0]
     assert clip == pytest.approx((0.6, 0.19, 0.45), abs=1e-9)
     roots = {"lamp": 0.3, "motor": 0.65}
     for name, u in roots.items():
-        root = sim.strand(name).points(np.array([0.0]))
+        root = sim.centerline([0.0], name)
         assert root == pytest.approx(sim.centerline([u]), abs=1e-9)
     position, turned = sim.connector_pose("plug")
     assert position[2] < 0.15 and np.linalg.norm(turned) == pytest.approx(1.0)

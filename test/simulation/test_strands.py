@@ -52,7 +52,7 @@ def crossing(height, fixed, *values, tight=1.0, **more):
 
 def sagging(sim, name):
     """Sag of the middle of a string between its ends, and the force that it bears there."""
-    line = sim.strand(name).points(np.array([0.0, 0.2]))
+    line = sim.centerline([0.0, 0.2], name)
     sag = abs(line[1, 2] - line[0, 2])
     half = np.hypot(0.202, sag)
     return sag, 2.0 * 2e3 * (half / 0.2 - 1.0) * sag / half
@@ -115,7 +115,7 @@ def test_strands_thrown_at_each_other_do_not_pass(friction):
     np.testing.assert_allclose(momenta(sim)[0], before, atol=1e-10 * np.linalg.norm(before))
     assert -0.5 * THIN < least < 0.0
     assert sim.cable.account.crossed == sim.cable.account.pairs_lost == 0.0
-    middle = [sim.strand(name).points(np.array([0.2]))[0, 2] for name in ("cable", "c")]
+    middle = [sim.centerline([0.2], name)[0, 2] for name in ("cable", "c")]
     assert middle[1] - middle[0] > 0.5 * THICK
     assert sim.cable.share_open() < 1e-6
 
@@ -129,7 +129,7 @@ def test_strands_in_line_meet_tip_to_tip():
     sim = crossing(0.0, LOOSE, stiff, ahead, {"contact.damping": 0.0, "integrator.step": 2e-4})
     throw(sim, c=[-2.0, 0.0, 0.0])
     assert sim.advance_steps(200).status.ok
-    gap = sim.strand("c").points(np.array([0.0]))[0] - sim.centerline([0.4])[0]
+    gap = sim.centerline([0.0], "c")[0] - sim.centerline([0.4])[0]
     assert np.linalg.norm(gap) > 0.4 * (THICK + THIN) and gap[0] > 0.0
     assert sim.velocities[sim.model.parts[1].here, 0].mean() > 0.5
     assert sim.cable.account.crossed == 0.0
