@@ -148,6 +148,21 @@ def test_branches_begin_as_their_markers_are(read):
     assert report.status.ok
 
 
+def test_bodies_at_joints_of_a_bent_cable_begin_without_strain(read):
+    """A body there has directors of unit length, so that r' has, too."""
+    radius, (x, y, z) = 0.2, shape().T
+    bent = [(radius - z) * np.sin(x / radius), y, radius - (radius - z) * np.cos(x / radius)]
+    one = read(pos_um=1e6 * np.tile(np.stack(bent, axis=-1), (1, 3, 1, 1)))[0]
+    scene = prepared(dlo_sim.load_scene({**FITTED, **one.known}))
+    simulator = Simulator(scene, one.ends_at(0))
+    begin(simulator, one, slice(2))
+    main = simulator.model.parts[0]
+    points, at = simulator.control_points[main.here, :3], [join.at for join in simulator.model.joins]
+    slopes = bspline.evaluate(points, main.model.knots, at, 1)
+    assert np.linalg.norm(slopes, axis=1) == pytest.approx([1.0, 1.0], abs=1e-9)
+    assert simulator.energy().spring < 1e-9
+
+
 def test_branches_are_stiffer_to_begin_with_and_turn_with_their_curvature(read):
     one = read()[0]
     scene = prepared(dlo_sim.load_scene({**FITTED, **one.known}))
