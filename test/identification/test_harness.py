@@ -157,7 +157,10 @@ def test_bodies_at_joints_of_a_bent_cable_begin_without_strain(read):
     simulator = Simulator(scene, one.ends_at(0))
     begin(simulator, one, slice(2))
     main = simulator.model.parts[0]
-    points, at = simulator.control_points[main.here, :3], [join.at for join in simulator.model.joins]
+    points, at = (
+        simulator.control_points[main.here, :3],
+        [join.at for join in simulator.model.joins],
+    )
     slopes = bspline.evaluate(points, main.model.knots, at, 1)
     assert np.linalg.norm(slopes, axis=1) == pytest.approx([1.0, 1.0], abs=1e-9)
     assert simulator.energy().spring < 1e-9
@@ -172,6 +175,27 @@ def test_branches_are_stiffer_to_begin_with_and_turn_with_their_curvature(read):
     assert {"branches.a.cable.linear_density", "branches.b.direction[1]"} <= labels
     # The roll of the first branch against that of the grippers is not known.
     assert "branches.a.direction[1]" not in labels
+    assert {"damping.bend", "damping.twist", "cable.rest_curvature_2[3]"} <= labels
+    assert not {"damping.stiffness", "cable.rest_curvature_2[4]"} & labels
+
+
+def test_what_damps_all_strains_of_a_harness_damps_bending_and_twist(read):
+    damped = {"damping.stiffness": 0.1, "damping.stretch": 0.2, "damping.twist": 0.3}
+    scene = prepared(dlo_sim.load_scene({**FITTED, **read()[0].known, **damped}))
+    assert scene.damping.internal == pytest.approx((0.0, 0.1, 0.4))
+
+
+def test_a_begin_that_is_repeated_is_the_same(read):
+    """Kept curves are told apart by all that they are made of."""
+    one, other = read()
+    scene = prepared(dlo_sim.load_scene({**FITTED, **one.known}))
+    points = []
+    for recording in (one, other, one):
+        simulator = Simulator(scene, recording.ends_at(0))
+        begin(simulator, recording, slice(2))
+        points.append(simulator.control_points)
+    assert np.array_equal(points[0], points[2])
+    assert np.abs(points[0] - points[1]).max() > 0.1
 
 
 @pytest.mark.parametrize(
