@@ -9,11 +9,11 @@ import pytest
 import dlo_sim
 from dlo_sim.core import bspline, rotations
 from dlo_sim.identification.measurement import GRIP, TANGENT, MeasurementError
-from dlo_sim.identification.prediction import COMPUTATION, begin, marker_basis
+from dlo_sim.identification.prediction import COMPUTATION, begin, marker_basis, predict, score
 from dlo_sim.identification.problem import STIFFER, prepared, unknowns_of
 from dlo_sim.identification.readers import read_recordings
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.validation import moved
+from dlo_sim.studies.validation import moved, scene_for
 
 ROOT = Path(__file__).resolve().parents[2]
 PLACE = Path(os.environ.get("DLO_SIM_DATA", ROOT.parent / "shared" / "data" / "real")) / "deft_bdlo"
@@ -237,3 +237,22 @@ def test_recorded_harnesses_are_read():
         "BDLO3_calib": (12, 13, [0.8, 0.15, 0.18]),
         "BDLO4_calib": (12, 12, [0.8, 0.15, 0.15]),
     }
+
+
+@pytest.mark.skipif(
+    not PLACE.is_dir(),
+    reason=f"no recordings in {PLACE}: set DLO_SIM_DATA to the folder that holds deft_bdlo",
+)
+@pytest.mark.parametrize(
+    ("cable", "most"), [("BDLO1", 0.85), ("BDLO2", 1.0), ("BDLO3", 0.8), ("BDLO4", 0.65)]
+)
+def test_fitted_scenes_predict_a_recorded_harness(cable, most):
+    """Pieces to which they are not fitted."""
+    scene = scene_for(cable, PLACE)
+    pieces = read_recordings(PLACE / f"{cable}_calib.npz")[3:8:2]
+    predicted = [predict(scene, piece) for piece in pieces]
+    assert not any(one.failure for one in predicted)
+    errors = [
+        1e2 * score(piece, one.markers).l1 for piece, one in zip(pieces, predicted, strict=True)
+    ]
+    assert np.mean(errors) < most
