@@ -219,6 +219,7 @@ class _Run:
         from scipy.optimize import least_squares
 
         widths, low, high = self._room(active)
+        expected, start = self._expected_within(active), self.problem.start()[active]
 
         def at(x: Array) -> Array:
             point = seen.copy()
@@ -226,9 +227,9 @@ class _Run:
             return point
 
         solution = least_squares(
-            lambda x: self._all([at(x)])[0].ravel(),
+            lambda x: np.append(self._all([at(x)])[0].ravel(), expected @ (x - start)),
             np.clip(seen[active], low + 1e-6 * widths, high - 1e-6 * widths),
-            lambda x: self.linear(at(x), active)[1].reshape(-1, len(x)),
+            lambda x: np.vstack([self.linear(at(x), active)[1].reshape(-1, len(x)), expected]),
             (low, high),
             loss="soft_l1",
             x_scale=widths,
@@ -236,6 +237,12 @@ class _Run:
             max_nfev=most,
         )
         return at(solution.x)
+
+    def _expected_within(self, active: Mask) -> Array:
+        """Rows on the active unknowns of those that are expected near their start."""
+        spreads = np.array([one.spread for one in self.problem.unknowns])[active]
+        rows = np.diag(1.0 / spreads)
+        return np.asarray(rows[np.isfinite(spreads)])
 
     def linear(self, seen: Array, active: Mask) -> tuple[Array, Array]:
         """Errors (T, N) and derivatives (T, N, active) at a point, by forward differences."""
@@ -263,8 +270,9 @@ class _Run:
         """The fit with its intervals, and which of its numbers may be anywhere."""
         errors, derivatives = self.linear(seen, active)
         spread = covariance(
-            errors, derivatives, self.problem.pieces, self._from_starts(seen, errors)
-        )
+            errors, derivatives, self.problem.pieces, self._from_starts(seen, errors),
+            self._expected_within(active),
+        )  # fmt: skip
         deviation = NORMAL * np.sqrt(np.maximum(np.diag(spread), 0.0))  # rounding
         numbers = []
         for k, off in zip(np.flatnonzero(active), deviation, strict=True):
@@ -338,7 +346,11 @@ def indistinct(
 
 
 def covariance(
-    errors: Array, derivatives: Array, pieces: NDArray[np.int64], disturbed: Sequence[Array]
+    errors: Array,
+    derivatives: Array,
+    pieces: NDArray[np.int64],
+    disturbed: Sequence[Array],
+    expected: Array,
 ) -> Array:
     """Covariance of the unknowns.
 
@@ -347,10 +359,13 @@ def covariance(
             U).
         pieces: number of the piece of each frame, rising from 0, shape (T,).
         disturbed: changes of the errors by noise of the starts, shape (T, N) each.
+        expected: derivatives of the distances from what is expected, (rows, U).
     """
     weights = 1.0 / np.sqrt(1.0 + errors**2)
     weighted = weights[:, :, None] * derivatives
-    inverse = np.linalg.pinv(np.einsum("tnj,tnk->jk", weighted, derivatives))
+    inverse = np.linalg.pinv(
+        np.einsum("tnj,tnk->jk", weighted, derivatives) + expected.T @ expected
+    )
     scores = np.einsum("tn,tnj->tj", errors, weighted)
     firsts = np.flatnonzero(np.diff(pieces, prepend=-1))
     lags = _correlated_frames(errors)

@@ -22,7 +22,9 @@ MARKER, FORCE = 0.02, 0.3  # [m], [N], errors beyond which a measurement counts 
 MARKER_NOISE, FORCE_NOISE = 0.1, 0.3  # of these
 YIELD, HARDENING = "plasticity.yield_curvature", "plasticity.hardening"
 ELASTIC = 0.99  # hardening of a cable that is practically elastic
-STIFFER = 20.0  # branches than the main cable, to begin with
+STIFFER = (
+    100.0  # branches than the main cable of a scene: a harness of wires, hardly bent by its weight
+)
 ACROSS = 1  # component of a direction out of the plane in which branches are drawn
 DELAY, OFFSET = "sensor.delay", "sensor.offset"
 
@@ -38,6 +40,8 @@ class Unknown:
         least, most: bounds; of a logarithm `least` is its start where the scene has less.
         stage: unknowns of a stage are added once those of the earlier ones are fitted.
         extra: fitted only where its key is asked for.
+        spread: how far from its start it may be expected, in units of the fit; the distance in this
+            unit counts as an error in `fit`.
     """
 
     key: str
@@ -49,6 +53,7 @@ class Unknown:
     most: float = np.inf
     stage: int = 0
     extra: bool = False
+    spread: float = np.inf
 
     @property
     def label(self) -> str:
@@ -121,17 +126,22 @@ def _of_harness(scene: Scene) -> Iterator[Unknown]:
     yield Unknown("damping.air_drag", 0.2 * cable.mu, 5.0 * cable.mu, least=0.0)
     for number, branch in enumerate(scene.branches):
         key, mu = f"branches.{branch.name}", branch.cable.mu
-        yield Unknown(f"{key}.cable.linear_density", 0.3, 2.0, log=True, least=1e-3 * mu)
+        yield Unknown(
+            f"{key}.cable.linear_density", 0.3, 2.0, log=True, least=1e-3 * mu, spread=0.3
+        )
         yield Unknown(
             f"{key}.cable.bending_stiffness", 1.0, 3.0, log=True, least=1e-4 * mu, extra=True
         )
         for k in range(3):
             across = k == ACROSS
             if number or not across:
-                yield Unknown(f"{key}.direction", turned, 1.0, at=k, stage=1, extra=not across)
+                yield Unknown(
+                    f"{key}.direction", turned, 1.0, at=k, stage=1, extra=not across, spread=0.1
+                )
     for key in ("cable.rest_curvature", "cable.rest_curvature_2"):
         for k in range(POINTS_OF_HARNESS):
-            yield Unknown(key, 2.0 / cable.length, 20.0 / cable.length, at=k, stage=1)
+            width, reach, spread = (size / cable.length for size in (2.0, 20.0, 1.2))
+            yield Unknown(key, width, reach, at=k, stage=1, spread=spread)
 
 
 def plastic(scene: Scene) -> Scene:

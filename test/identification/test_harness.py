@@ -9,11 +9,11 @@ import pytest
 import dlo_sim
 from dlo_sim.core import bspline, rotations
 from dlo_sim.identification.measurement import GRIP, TANGENT, MeasurementError
-from dlo_sim.identification.prediction import COMPUTATION, begin, marker_basis
+from dlo_sim.identification.prediction import COMPUTATION, begin, marker_basis, predict, score
 from dlo_sim.identification.problem import STIFFER, prepared, unknowns_of
 from dlo_sim.identification.readers import read_recordings
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.validation import moved
+from dlo_sim.studies.validation import moved, scene_for
 
 ROOT = Path(__file__).resolve().parents[2]
 PLACE = Path(os.environ.get("DLO_SIM_DATA", ROOT.parent / "shared" / "data" / "real")) / "deft_bdlo"
@@ -148,6 +148,24 @@ def test_branches_begin_as_their_markers_are(read):
     assert report.status.ok
 
 
+def test_bodies_at_joints_of_a_bent_cable_begin_without_strain(read):
+    """A body there has directors of unit length, so that r' has, too."""
+    radius, (x, y, z) = 0.2, shape().T
+    bent = [(radius - z) * np.sin(x / radius), y, radius - (radius - z) * np.cos(x / radius)]
+    one = read(pos_um=1e6 * np.tile(np.stack(bent, axis=-1), (1, 3, 1, 1)))[0]
+    scene = prepared(dlo_sim.load_scene({**FITTED, **one.known}))
+    simulator = Simulator(scene, one.ends_at(0))
+    begin(simulator, one, slice(2))
+    main = simulator.model.parts[0]
+    points, at = (
+        simulator.control_points[main.here, :3],
+        [join.at for join in simulator.model.joins],
+    )
+    slopes = bspline.evaluate(points, main.model.knots, at, 1)
+    assert np.linalg.norm(slopes, axis=1) == pytest.approx([1.0, 1.0], abs=1e-9)
+    assert simulator.energy().spring < 1e-9
+
+
 def test_branches_are_stiffer_to_begin_with_and_turn_with_their_curvature(read):
     one = read()[0]
     scene = prepared(dlo_sim.load_scene({**FITTED, **one.known}))
@@ -157,6 +175,27 @@ def test_branches_are_stiffer_to_begin_with_and_turn_with_their_curvature(read):
     assert {"branches.a.cable.linear_density", "branches.b.direction[1]"} <= labels
     # The roll of the first branch against that of the grippers is not known.
     assert "branches.a.direction[1]" not in labels
+    assert {"damping.bend", "damping.twist", "cable.rest_curvature_2[3]"} <= labels
+    assert not {"damping.stiffness", "cable.rest_curvature_2[4]"} & labels
+
+
+def test_what_damps_all_strains_of_a_harness_damps_bending_and_twist(read):
+    damped = {"damping.stiffness": 0.1, "damping.stretch": 0.2, "damping.twist": 0.3}
+    scene = prepared(dlo_sim.load_scene({**FITTED, **read()[0].known, **damped}))
+    assert scene.damping.internal == pytest.approx((0.0, 0.1, 0.4))
+
+
+def test_a_begin_that_is_repeated_is_the_same(read):
+    """Kept curves are told apart by all that they are made of."""
+    one, other = read()
+    scene = prepared(dlo_sim.load_scene({**FITTED, **one.known}))
+    points = []
+    for recording in (one, other, one):
+        simulator = Simulator(scene, recording.ends_at(0))
+        begin(simulator, recording, slice(2))
+        points.append(simulator.control_points)
+    assert np.array_equal(points[0], points[2])
+    assert np.abs(points[0] - points[1]).max() > 0.1
 
 
 @pytest.mark.parametrize(
@@ -198,3 +237,22 @@ def test_recorded_harnesses_are_read():
         "BDLO3_calib": (12, 13, [0.8, 0.15, 0.18]),
         "BDLO4_calib": (12, 12, [0.8, 0.15, 0.15]),
     }
+
+
+@pytest.mark.skipif(
+    not PLACE.is_dir(),
+    reason=f"no recordings in {PLACE}: set DLO_SIM_DATA to the folder that holds deft_bdlo",
+)
+@pytest.mark.parametrize(
+    ("cable", "most"), [("BDLO1", 0.85), ("BDLO2", 1.0), ("BDLO3", 0.8), ("BDLO4", 0.65)]
+)
+def test_fitted_scenes_predict_a_recorded_harness(cable, most):
+    """Pieces to which they are not fitted."""
+    scene = scene_for(cable, PLACE)
+    pieces = read_recordings(PLACE / f"{cable}_calib.npz")[3:8:2]
+    predicted = [predict(scene, piece) for piece in pieces]
+    assert not any(one.failure for one in predicted)
+    errors = [
+        1e2 * score(piece, one.markers).l1 for piece, one in zip(pieces, predicted, strict=True)
+    ]
+    assert np.mean(errors) < most

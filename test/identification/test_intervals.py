@@ -8,6 +8,7 @@ from dlo_sim.identification.fit import covariance
 
 ONE_PIECE = np.zeros(400, dtype=np.int64)
 ONES = np.ones((400, 1, 1))
+NOTHING = np.zeros((0, 1))  # is expected
 
 
 def test_correlated_errors_count_once():
@@ -15,8 +16,8 @@ def test_correlated_errors_count_once():
     rng = np.random.default_rng(5)
     white = rng.normal(0.0, 0.05, (400, 1))
     slow = np.repeat(white[:40], 10, axis=0)
-    alone = covariance(white, ONES, ONE_PIECE, [])
-    together = covariance(slow, ONES, ONE_PIECE, [])
+    alone = covariance(white, ONES, ONE_PIECE, [], NOTHING)
+    together = covariance(slow, ONES, ONE_PIECE, [], NOTHING)
     assert np.sqrt(alone[0, 0]) == pytest.approx(0.05 / 20.0, rel=0.1)
     assert np.sqrt(together[0, 0]) == pytest.approx(0.05 / np.sqrt(40.0), rel=0.35)
 
@@ -26,8 +27,11 @@ def test_noise_of_the_starts_counts_once_for_every_piece():
     still = np.zeros((400, 1))
     shifts = [np.full((400, 1), sign * 0.1) for sign in (-1.0, 1.0, 1.0, -1.0)]
     two = np.repeat([0, 1], 200)
-    assert covariance(still, ONES, ONE_PIECE, shifts)[0, 0] == pytest.approx(0.1**2)
-    assert covariance(still, ONES, two, shifts)[0, 0] == pytest.approx(2.0 * 0.05**2)
+    assert covariance(still, ONES, ONE_PIECE, shifts, NOTHING)[0, 0] == pytest.approx(0.1**2)
+    assert covariance(still, ONES, two, shifts, NOTHING)[0, 0] == pytest.approx(2.0 * 0.05**2)
+    # Expected as strongly as measured: half the effect.
+    strong = np.array([[np.sqrt(float(ONES.sum()))]])
+    assert covariance(still, ONES, ONE_PIECE, shifts, strong)[0, 0] == pytest.approx(0.05**2)
 
 
 def test_starts_are_disturbed_by_the_noise_of_the_markers():
