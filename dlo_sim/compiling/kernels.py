@@ -162,7 +162,8 @@ class Kernel:
     def __call__(self, *arguments: Any) -> Any:
         """Call it from Python; `code` for other terms than those of every scene."""
         if self.asks_for_terms and not arguments[0].terms & self.terms:
-            return 0
+            result = self._signature.return_type
+            return (0.0,) * len(result) if isinstance(result, types.BaseTuple) else 0
         return self.code()(*arguments)
 
 

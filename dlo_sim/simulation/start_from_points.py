@@ -194,9 +194,11 @@ def cable_through(
     names = {part.name for part in model.parts}
     by_strand = points if isinstance(points, Mapping) else {MAIN: points}
     own = coordinates if isinstance(coordinates, Mapping) else {MAIN: coordinates}
-    if set(by_strand) != names or not set(own) <= names:
+    if set(by_strand) != names:
         cure = f"give points of each cable, {{'{MAIN}': (M, 3), ...}}"
         raise ValueError(f"points: of {sorted(by_strand)}, for {sorted(names)}; {cure}")
+    if unknown := set(own) - names:
+        raise ValueError(f"coordinates: of {sorted(unknown)}; give those of {sorted(names)}")
     curve, rates = np.zeros((model.n, 3)), np.zeros((model.n, 3))
     for part in model.parts:
         frames, stamps = _frames(by_strand[part.name], times)

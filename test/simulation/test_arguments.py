@@ -74,7 +74,7 @@ CALLS = {
     "start_from_points": [
         (lambda sim, x: sim.start_from_points(x), "points", ()),
         (lambda sim, x: sim.start_from_points(POINTS, x), "times", (None,)),
-        (lambda sim, x: sim.start_from_points(POINTS, None, x), "coordinates", (None,)),
+        (lambda sim, x: sim.start_from_points(POINTS, None, x), "coordinates", (None, EMPTY)),
     ],
     "reconfigured": [(lambda sim, x: sim.reconfigured(x), "scene", ())],
     "record_along": [(lambda sim, x: sim.record_along(x, {}, [0.1]), "times", ())],
@@ -98,6 +98,8 @@ CALLS = {
     "tension": [(lambda sim, x: sim.tension(x), "u", ())],
     "curvature": [(lambda sim, x: sim.curvature(x), "u", ())],
     "frames": [(lambda sim, x: sim.frames(x), "u", ())],
+    "strand": [(lambda sim, x: sim.strand(x), "strand", ())],
+    "connector_pose": [(lambda sim, x: sim.connector_pose(x), "connector", ())],
     "control_poses": [(lambda sim, x: sim.control_poses(x), "out", ())],
     "end_pose": [(lambda sim, x: sim.end_pose(x), "end", ())],
     "set_obstacle": [
