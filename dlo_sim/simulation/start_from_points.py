@@ -288,30 +288,30 @@ def _fitted(
     a fit of parameters begins a thousand times at the same markers.
     """
     if coordinates is None:
-        return _fitted_anew(spline, scene, frames, stamps, coordinates)
-    given = *spline.given, frames, stamps, np.asarray(coordinates)
+        return _fitted_anew(spline, scene, frames, stamps, None)
+    u = arguments.numbers("coordinates", coordinates, (frames.shape[1],), "m")
+    given = *spline.given, frames, stamps, u
     key = b"".join(repr(one.shape).encode() + one.tobytes() for one in given)
     if key not in _LAST:
         if len(_LAST) >= MOST_LAST:
             del _LAST[next(iter(_LAST))]
-        _LAST[key] = _fitted_anew(spline, scene, frames, stamps, coordinates)
+        _LAST[key] = _fitted_anew(spline, scene, frames, stamps, u)
     place, speed = _LAST[key]
     return place.copy(), speed.copy()
 
 
 def _fitted_anew(
-    spline: _Spline, scene: Scene, frames: Array, stamps: Array, coordinates: ArrayLike | None
+    spline: _Spline, scene: Scene, frames: Array, stamps: Array, u: Array | None
 ) -> tuple[Array, Array]:
     place, speed = _at_zero(frames, stamps)
     seen: Mask = np.asarray(np.isfinite(place).all(axis=1))
     if seen.sum() < 2:
         raise ValueError(f"points: {seen.sum()} of {len(seen)} are known; give two or more")
     _check_extent(place[seen], spline.length)
-    if coordinates is None:
+    if u is None:
         u = np.full(len(seen), np.nan)
         u[seen] = _found(spline, scene, place[seen])
     else:
-        u = arguments.numbers("coordinates", coordinates, (len(seen),), "m")
         if u.min() < 0.0 or u.max() > spline.length * (1.0 + 1e-9):
             raise ValueError(
                 f"coordinates: {u.min():g} to {u.max():g} m leave the cable, 0 to "
