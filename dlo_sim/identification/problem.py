@@ -22,9 +22,8 @@ MARKER, FORCE = 0.02, 0.3  # [m], [N], errors beyond which a measurement counts 
 MARKER_NOISE, FORCE_NOISE = 0.1, 0.3  # of these
 YIELD, HARDENING = "plasticity.yield_curvature", "plasticity.hardening"
 ELASTIC = 0.99  # hardening of a cable that is practically elastic
-STIFFER = (
-    100.0  # branches than the main cable of a scene: a harness of wires, hardly bent by its weight
-)
+# Branches than the main cable of a scene: a harness of wires is hardly bent by its weight.
+STIFFER = 100.0
 ACROSS = 1  # component of a direction out of the plane in which branches are drawn
 DELAY, OFFSET = "sensor.delay", "sensor.offset"
 

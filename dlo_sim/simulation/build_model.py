@@ -22,7 +22,7 @@ from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.arrays import sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.connector_shape import thickest
 from dlo_sim.simulation.geometry import Geometries, stiffening
-from dlo_sim.simulation.held_rows import fill_rows, held_values
+from dlo_sim.simulation.held_rows import fill_rows
 from dlo_sim.simulation.holding import Holding, holding_of
 from dlo_sim.simulation.join_strands import joined
 from dlo_sim.simulation.model import Model
@@ -245,12 +245,7 @@ class _Filling:
                 self._inside(linear.greville)[:] = shares
         if "damping" in self._needs:
             self._damping(masses, gram)
-        values = held_values(model)
-        shifts = np.empty_like(values)
-        for twist in range(1 + model.twist):
-            rows = [point.twist == twist for point in model.holding.points]
-            shifts[rows] = model.mass_solutions(values[rows], twist)
-        fill_rows(model, values, shifts)
+        fill_rows(model)
         self._slides()
         self._loads()
         self._numbers()

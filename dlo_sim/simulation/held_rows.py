@@ -11,18 +11,16 @@ from dlo_sim.simulation.model import Model
 Array = NDArray[np.float64]
 
 
-def held_values(model: Model) -> Array:
-    """Basis values b of the held points, shape (points, n)."""
-    values = [point.values(model.n) for point in model.holding.points]
-    return np.reshape(values, (-1, model.n))
-
-
-def fill_rows(model: Model, values: Array, shifts: Array) -> None:
-    """Write held points and constraint rows to the arrays of a model.
-
-    Args:
-        values: b of the points (`held_values`). shifts: M^-1 b, of the same shape.
+def fill_rows(model: Model) -> None:
+    """Write held points and constraint rows to the arrays of a model: basis values b of the points,
+    M^-1 b, and their products.
     """
+    each = [point.values(model.n) for point in model.holding.points]
+    values = np.reshape(each, (-1, model.n))
+    shifts = np.empty_like(values)
+    for twist in range(1 + model.twist):
+        of_kind = [point.twist == twist for point in model.holding.points]
+        shifts[of_kind] = model.mass_solutions(values[of_kind], twist)
     holding, points, rows = model.holding, model.arrays.points, model.arrays.rows
     for p, point in enumerate(holding.points):
         points.first[p], points.own[p], points.twist[p] = point.first, point.own, point.twist

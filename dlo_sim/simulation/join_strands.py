@@ -19,7 +19,7 @@ from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.arrays import from_blocks, sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.connector_shape import beside, groups_of
 from dlo_sim.simulation.geometry import Geometries
-from dlo_sim.simulation.held_rows import fill_rows, held_values
+from dlo_sim.simulation.held_rows import fill_rows
 from dlo_sim.simulation.holding import Holding, Point, Row
 from dlo_sim.simulation.model import Layout, Model
 from dlo_sim.simulation.net import joining, layout_of, rolls_of
@@ -130,12 +130,7 @@ class _Joining:
         self._masses()
         self._loads()
         self._numbers()
-        values = held_values(model)
-        shifts = np.empty_like(values)
-        for twist in range(1 + model.twist):
-            rows = [point.twist == twist for point in model.holding.points]
-            shifts[rows] = model.mass_solutions(values[rows], twist)
-        fill_rows(model, values, shifts)
+        fill_rows(model)
         alone = only_of_bodies(layout)
         for number, body in enumerate(layout.bodies):
             given, cable = self._arrays.bodies, layout.parts[body.strand].model.scene.cable
