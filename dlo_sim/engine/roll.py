@@ -94,11 +94,16 @@ def twist_at(cable, roll, theta):
 
 
 @inline
+def roll_at(cable, roll, x):
+    """Theta [rad] of the configuration x."""
+    t, n = frame_of(cable, roll, directors(cable, cable.rolls.body[roll], x))
+    return cable.state.roll[roll, ANGLE] + turned_since(cable, roll, t, n)
+
+
+@inline
 def gap_at(cable, roll, x):
     """theta(u) - Theta [rad] of the configuration x."""
-    t, n = frame_of(cable, roll, directors(cable, cable.rolls.body[roll], x))
-    theta = cable.state.roll[roll, ANGLE] + turned_since(cable, roll, t, n)
-    return twist_at(cable, roll, x[cable.dim]) - theta
+    return twist_at(cable, roll, x[cable.dim]) - roll_at(cable, roll, x)
 
 
 @inline
@@ -154,16 +159,18 @@ def write(cable, roll, push, twists, out):
 
 @kernel(void, CABLE, LINES, LINES, boolean, terms=ROLLED)
 def set_rolls(cable, x0, x1, twists):
-    """Set `work.roll_force` and `work.roll_condition` for a step from x0 to x1, and the gaps of the
-    rigid rows at its end. Without `twists` the twist angles stay as they are.
+    """Set `work.roll_force` and `work.roll_condition` for a step from x0, where Theta counts from,
+    to x1, and the gaps of the rigid rows at its end. Without `twists` the twist angles stay as they
+    are.
     """
-    work = cable.work
+    work, dim = cable.work, cable.dim
     for roll in range(len(cable.rolls.stiffness)):
         body, before = cable.rolls.body[roll], three(cable.state.roll[roll], TANGENT)
         e0, e1 = directors(cable, body, x0), directors(cable, body, x1)
         t, n = frame_of(cable, roll, e1)
         write(cable, roll, gradient(cable, roll, e1), twists, work.roll_condition)
-        turn = turned_since(cable, roll, t, n) - turned_from(cable, roll, e0)
+        t0, n0 = frame_of(cable, roll, e0)
+        turn = turned_since(cable, roll, t, n) - turned_since(cable, roll, t0, n0)
         half = 0.5 * turn
         scale = 1.0 - half * half / 3.0 if abs(half) < 1e-4 else half / np.tan(half)
         m = means(e0, e1)
@@ -193,15 +200,7 @@ def set_rolls(cable, x0, x1, twists):
         write(cable, roll, f, twists, work.roll_force)
         if roll < cable.rolls.rigid_rolls:
             theta = cable.state.roll[roll, ANGLE] + turned_since(cable, roll, t, n)
-            gap = twist_at(cable, roll, x1[cable.dim]) - theta
-            work.border_gap[cable.rows.border + roll] = gap
-
-
-@inline
-def turned_from(cable, roll, e):
-    """`turned_since` for the directors e: zero at the start of a step."""
-    t, n = frame_of(cable, roll, e)
-    return turned_since(cable, roll, t, n)
+            work.border_gap[cable.rows.border + roll] = twist_at(cable, roll, x1[dim]) - theta
 
 
 # -- rolls that give -----------------------------------------------------------------------------
@@ -263,8 +262,7 @@ def follow(cable, turns):
     """
     x = cable.state.x
     for roll in range(len(cable.rolls.stiffness)):
-        angle = cable.state.roll[roll, ANGLE]
-        angle += turned_from(cable, roll, directors(cable, cable.rolls.body[roll], x))
+        angle = roll_at(cable, roll, x)
         if turns:
             angle += twist_at(cable, roll, cable.work.psi)
         count_from(cable, roll, x, angle)

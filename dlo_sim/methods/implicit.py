@@ -134,14 +134,13 @@ from dlo_sim.engine.tension import (
     unpredicted,
 )
 
+PREDICTED, PRESENT, LAST = 0, 1, 2  # tensions of `linearize`
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_BOLD = 20  # the same before corrections that overshoot are shortened
 HOPELESS = 8  # iterations after which corrections there must be smaller than the first
 MAX_HALVINGS = 12
-WHOLE, HALVED = (
-    5,
-    15,
-)  # iterations up to which corrections that change what touches are whole, halved
+# Iterations up to which corrections that change what touches are whole, and halved.
+WHOLE, HALVED = 5, 15
 TRUSTING = 3  # iterations up to which the expected contraction counts where something touches
 CAREFUL_HALVINGS = 4  # of a step that folds the cable over; after these the fold is accepted
 SLOW = 0.02  # ratio of successive correction energies above which the matrix is renewed
@@ -310,8 +309,6 @@ def begin_step(cable, t0, tau):
         move_slides(cable)
     else:
         keep_constraints(cable)
-    roll.set_rolls(cable, work.start, state.x, YES)
-    set_border(cable, work.middle_direction, state.direction)
     difference(state.x, work.start, work.change)
     if cable.terms & CONTACT:
         contact.begin(cable, t0, tau, contact.largest_way(cable, work.change), work.start)
@@ -354,6 +351,15 @@ def is_viscous(cable):
     return cable.terms & DAMPED != 0 and physics.beta_stretch + physics.beta_bend > 0.0
 
 
+@inline
+def between(cable, discrete):
+    """Both configurations between which elastic forces are evaluated: those at the start and the
+    end of the step, or twice the one at its middle.
+    """
+    start, middle = cable.work.start, cable.work.middle
+    return (start, cable.state.x) if discrete else (middle, middle)
+
+
 @kernel(float64, CABLE, float64, float64, boolean, family=IMPLICIT)
 def step_force(cable, t0, tau, discrete):
     """force = all forces of the step from `start` to the present configuration, start + change.
@@ -369,7 +375,7 @@ def step_force(cable, t0, tau, discrete):
         for c in range(0, cable.columns, LANES):
             store(middle, line, c, load(work.start, line, c) + 0.5 * load(change, line, c))
     viscous = 1.0 / tau if is_viscous(cable) else 0.0
-    begin, end = (work.start, cable.state.x) if discrete else (middle, middle)
+    begin, end = between(cable, discrete)
     lost = discrete_gradient(cable, begin, end, change, viscous, force)
     lost += bishop.step_force(cable, work.start, end, twist_damping(cable, tau), discrete, force)
     if cable.terms & CONTACT:
@@ -461,7 +467,7 @@ def newton_matrix(cable, t0, tau, a, discrete):
         add_damping_tangent(cable, middle, work.change, 1.0 / tau, matrix)
         if is_viscous(cable):
             viscous = 1.0 / tau
-    begin, end = (work.start, state.x) if discrete else (middle, middle)
+    begin, end = between(cable, discrete)
     discrete_jacobian(cable, begin, end, viscous, 0.5 + twist_damping(cable, tau), 1.0, matrix)
     if cable.terms & CONTACT:
         contact.add_tangent(cable, YES, 1.0, matrix)
@@ -579,7 +585,7 @@ def correct(cable, known, discrete, allowed, reach):
         turned = largest(work.nudge, cable.dim, lines)
         moved = max(moved, turned / (1.0 + largest(state.x, cable.dim, lines)))
     if stretched:
-        begin, end = (work.start, state.x) if discrete else (work.middle, work.middle)
+        begin, end = between(cable, discrete)
         elastic = 1.0 - cable.physics.keeps_length
         predict_tension(cable, begin, end, work.nudge, elastic)
     move(cable, 1.0)
@@ -886,6 +892,189 @@ def judge_matrix(balance, iterations, made):
             balance.matrix_shrinking = min(FORGETTING * balance.matrix_shrinking, 1.0)
 
 
+@inline
+def linearize(cable, t0, tau, discrete, tension):
+    """Factorise the Jacobian with this tension: PREDICTED by the last correction, that of the
+    PRESENT shape, or that of the LAST step. Returns whether the factors exist.
+    """
+    if tension == LAST:
+        before = cable.state.history[1] if cable.state.balance.known > 0.0 else cable.work.start
+        take_tension(cable, before, cable.work.start)
+    elif tension == PRESENT:
+        begin, end = between(cable, discrete)
+        take_tension(cable, begin, end)
+    return newton_matrix(cable, t0, tau, 2.0 / (tau * tau), discrete)
+
+
+@inline
+def beyond_prediction(cable, number, discrete):
+    """What correction `number` stretched beyond the predicted tension (`tension.unpredicted`)."""
+    take_nudge(cable, number)
+    begin, end = between(cable, discrete)
+    return unpredicted(cable, begin, end, cable.work.nudge)
+
+
+@inline
+def expected_contraction(cable, iteration, ratio, comparable, made):
+    """Factor by which a correction is expected to reduce the energy error: from the `ratio` of its
+    energy to that of the last one, where both are `comparable`; in the first iteration with the
+    matrix of an earlier step (`made` is 0), as the one remembered.
+    """
+    balance = cable.state.balance
+    shrinking = 1.0
+    if comparable and iteration > 1:
+        shrinking = max(np.sqrt(ratio), SMALLEST_SHRINKING)
+        if iteration == 2:
+            balance.matrix_shrinking = shrinking
+    elif made == 0 and iteration == 1:
+        shrinking = balance.matrix_shrinking
+    # What contracts only now may do so by touching something else.
+    return 1.0 if cable.terms & CONTACT and iteration > TRUSTING else shrinking
+
+
+@inline
+def needs_forces(cable, reach, error, allowed):
+    """Whether a converged step needs the forces after the last correction.
+
+    The work of moving or sliding grasps does, unless all is at rest. So does the loss by damping,
+    which that correction changes by about its `error` [J]; without contact and twist, motions are
+    too smooth for that to matter.
+    """
+    terms = cable.terms
+    lossy = terms & (CONTACT | BISHOP) != 0 and terms & (DAMPED | STATIC_TWIST) != 0
+    driven = grasps_move(cable) or terms & SLIDING != 0
+    moved = driven and largest(cable.work.change, 0, cable.lines) > ROUND_OFF * reach
+    return moved or (lossy and error > allowed)
+
+
+@inline
+def iterate(cable, method, t0, tau, careful, predicts):
+    """Alternate forces and corrections until the energy error of the step is small.
+
+    Returns whether that converged, the number of iterations, that in which the matrix was
+    factorised, 0 if in an earlier step, the energy [J] dissipated by damping, and the round-off of
+    the energy balance [J] where corrections end in it.
+    """
+    work, balance = cable.work, cable.state.balance
+    discrete, tolerance = method.conserves_energy != 0, method.tolerance
+    a = 2.0 / (tau * tau)
+    reach = largest(cable.state.x, 0, cable.dim)  # scale of the round-off of corrections
+    room = SPARE * ROOM if cable.terms & CONTACT else ROOM
+    mixed = predicts or cable.physics.keeps_length != 0.0
+    most = MAX_ITERATIONS if careful else MAX_BOLD
+    converged = False
+    iterations, made = 0, 0
+    previous = np.inf
+    renew = not may_keep(cable, a)  # whether the next iteration needs a new matrix
+    stretched = False  # whether the last correction may have stretched the cable
+    stiff = False  # whether a correction stretched the cable more than Broyden's may
+    slope = 0.0  # residual . correction before the last correction
+    share = 1.0  # of the last correction that x contains
+    stalls = 0  # successive stalled corrections
+    known = np.int64(0)  # corrections since the matrix was factorised
+    lost, floor, allowed, first = 0.0, 0.0, 0.0, 0.0
+    touched = np.int64(0)  # what touched at the last forces
+    work.results.coupled = IN_STATE
+    # Share of the flow at the configuration at which the forces of the step are evaluated.
+    balance.slip = 0.5 if discrete else 1.0
+    while True:
+        lost = step_force(cable, t0, tau, discrete)
+        if iterations == 0:  # the forces set the rows of rolls
+            set_border(cable, work.middle_direction, cable.state.direction)
+            if not renew:  # Z is in working memory, and so lost after a step
+                solve_border(cable, cable.state.matrix, 0.5)
+        inertia = set_residual(cable, a, a * tau)
+        if converged or iterations == most:
+            break
+        iterations += 1
+        # Where a correction changes what touches or slides, the residual along it says nothing: a
+        # wall that it runs into pushes back at once. Such corrections are taken whole, as in a
+        # method of active sets, and halved where they go round in circles.
+        changed = known > 0 and work.touched[0] != touched and iterations <= HALVED
+        if changed and iterations > WHOLE and share == 1.0:
+            share = 0.5
+            shorten(cable, known - 1, 1.0, share)
+            renew = True
+            continue
+        renew = renew or changed
+        if known > 0:
+            along = dot(work.residual, work.corrections[known - 1])
+            if stretched:
+                energy, extra = beyond_prediction(cable, known - 1, discrete)
+                # A matrix that was made before the cable turned stretches it.
+                stiff = stiff or energy > allowed
+                renew = renew or stiff
+                along += extra
+            overshot = careful and not changed and not abs(along) <= GROWTH * abs(slope)
+            if overshot and share > SMALLEST_SHARE:
+                # Shorten the last correction and continue with a new matrix. Where what sticks to
+                # an obstacle slips, one of Broyden's may point the wrong way: it is undone. (Not
+                # where strands touch: undoing let a thin knot come undone.)
+                touches = cable.terms & (CONTACT | SELF) == CONTACT
+                wrong = touches and known > 1 and slope < 0.0
+                less = 0.0 if wrong else share * shortened(abs(slope), along)
+                shorten(cable, known - 1, share, less)
+                share = less
+                renew = True
+                continue
+        if renew or known == MOST_CORRECTIONS:
+            tension = PREDICTED if stretched else PRESENT
+            tension = LAST if iterations == 1 and mixed else tension
+            if not linearize(cable, t0, tau, discrete, tension):
+                break
+            known, made = np.int64(0), iterations
+        allowed = allowed_error(balance, tolerance, inertia, room)
+        energy, slope, defect, moved, stretched = correct(cable, known, discrete, allowed, reach)
+        stretched = stretched and mixed
+        known += 1
+        first = moved if iterations == 1 else first
+        hopeless = not careful and iterations >= HOPELESS and moved > first
+        if not energy < 1e300 or hopeless:
+            break
+        stalls = stalls + 1 if energy > STALLED * previous else 0
+        comparable = share == 1.0 and work.touched[0] == touched
+        shrinking = expected_contraction(cable, iterations, energy / previous, comparable, made)
+        share, touched = 1.0, work.touched[0]
+        exhausted = moved <= ROUND_OFF or (stalls > 1 and moved <= NOISE)
+        converged = exhausted or min(SAFETY * shrinking, 1.0) * defect <= allowed
+        if converged and cable.terms & CONTACT:
+            contact.add_force(cable, YES, cable.state.x, work.rate)
+            converged = exhausted or work.touched[0] == touched
+        if exhausted:
+            # Corrections are round-off: the energy balance cannot be more accurate than this.
+            floor = RESOLUTION * defect
+        if converged and not needs_forces(cable, reach, max(energy, defect), allowed):
+            break
+        renew = energy > SLOW * previous and not converged
+        previous = energy
+    return converged, iterations, made, lost, floor
+
+
+@inline
+def is_valid(cable, tau, level, halvings):
+    """Whether a step that converged may be accepted, after `level` of at most `halvings`: Newton's
+    method may converge to a cable that is folded over or passes through itself or an obstacle.
+    """
+    valid = level >= CAREFUL_HALVINGS or not turned_over(cable)
+    if valid and cable.terms & SELF:
+        valid = self_contact.validate(cable, tau, level, halvings - level)
+    if valid and cable.terms & CONTACT:
+        valid = contact.validate(cable, cable.work.change)
+    return valid
+
+
+@inline
+def accept_step(cable, t0, tau, whole, lost):
+    """Make the configuration that was found that at the end of the step (`finish_step`)."""
+    if cable.terms & SELF:
+        self_contact.commit(cable)
+    finish_step(cable, t0, tau, whole, lost)
+    if cable.terms & CONTACT:
+        contact.commit(cable, tau)
+    cable.state.balance.slip = 0.5  # the energy balance takes the mean with both methods
+    flow(cable, t0 + tau)
+
+
 @kernel(
     *(boolean, CABLE, METHOD),
     *(float64, float64, float64, int64, boolean, boolean),
@@ -904,147 +1093,21 @@ def try_step(cable, method, t0, tau, whole, level, careful, predicts):
     The matrix is reused, across steps too, while the iteration contracts fast (`judge_matrix`). It
     belongs to the state, so that a run continues bitwise identically from a snapshot.
     """
-    work, balance = cable.work, cable.state.balance
-    discrete, tolerance = method.conserves_energy != 0, method.tolerance
-    a = 2.0 / (tau * tau)
-    b = a * tau
+    balance = cable.state.balance
     begin_step(cable, t0, tau)
     if cable.terms & SELF and self_contact.too_many(cable, level, method.halvings - level):
         undo_step(cable)
         return False
-    reach = largest(cable.state.x, 0, cable.dim)  # scale of the round-off of corrections
-    moves = grasps_move(cable)
-    room = SPARE * ROOM if cable.terms & CONTACT else ROOM
-    lossy = cable.terms & (CONTACT | BISHOP) != 0 and cable.terms & (DAMPED | STATIC_TWIST) != 0
-    mixed = predicts or cable.physics.keeps_length != 0.0
-    most = MAX_ITERATIONS if careful else MAX_BOLD
-    converged = False
-    iterations = 0
-    previous = np.inf
-    linearize = not may_keep(cable, a)
-    stretched = False  # whether the last correction may have stretched the cable
-    stiff = False  # whether a correction stretched the cable more than Broyden's may
-    work.results.coupled = IN_STATE
-    if not linearize:  # what border rows need is in working memory, and so lost after a step
-        solve_border(cable, cable.state.matrix, 0.5)
-    made = 0  # iteration in which the matrix was factorised, 0: in an earlier step
-    slope = 0.0  # residual . correction before the last correction
-    share = 1.0  # of the last correction that x contains
-    stalls = 0  # successive stalled corrections
-    known = np.int64(0)  # corrections since the matrix was factorised
-    lost, floor, allowed, first = 0.0, 0.0, 0.0, 0.0
-    touched = np.int64(0)  # what touched at the last forces
-    # Share of the flow at the configuration at which the forces of the step are evaluated.
-    balance.slip = 0.5 if discrete else 1.0
-    while True:
-        lost = step_force(cable, t0, tau, discrete)
-        inertia = set_residual(cable, a, b)
-        if converged or iterations == most:
-            break
-        iterations += 1
-        # Where a correction changes what touches or slides, the residual along it says nothing: a
-        # wall that it runs into pushes back at once. Such corrections are taken whole, as in a
-        # method of active sets, and halved where they go round in circles.
-        changed = known > 0 and work.touched[0] != touched and iterations <= HALVED
-        if changed and iterations > WHOLE and share == 1.0:
-            share = 0.5
-            shorten(cable, known - 1, 1.0, share)
-            linearize = True
-            continue
-        linearize = linearize or changed
-        if known > 0:
-            along = dot(work.residual, work.corrections[known - 1])
-            if stretched:
-                take_nudge(cable, known - 1)
-                begin, end = (work.start, cable.state.x) if discrete else (work.middle, work.middle)
-                energy, extra = unpredicted(cable, begin, end, work.nudge)
-                # A matrix that was made before the cable turned stretches it.
-                stiff = stiff or energy > allowed
-                linearize = linearize or stiff
-                along += extra
-            overshot = careful and not changed and not abs(along) <= GROWTH * abs(slope)
-            if overshot and share > SMALLEST_SHARE:
-                # Shorten the last correction and continue with a new matrix. Where what sticks to
-                # an obstacle slips, one of Broyden's may point the wrong way: it is undone. (Not
-                # where strands touch: undoing let a thin knot come undone.)
-                touches = cable.terms & (CONTACT | SELF) == CONTACT
-                wrong = touches and known > 1 and slope < 0.0
-                less = 0.0 if wrong else share * shortened(abs(slope), along)
-                shorten(cable, known - 1, share, less)
-                share = less
-                linearize = True
-                continue
-        if linearize or known == MOST_CORRECTIONS:
-            if iterations == 1 and mixed:  # the tension of the last step
-                before = cable.state.history[1] if balance.known > 0.0 else work.start
-                take_tension(cable, before, work.start)
-            elif not stretched:
-                begin, end = (work.start, cable.state.x) if discrete else (work.middle, work.middle)
-                take_tension(cable, begin, end)
-            if not newton_matrix(cable, t0, tau, a, discrete):
-                break
-            known, made = np.int64(0), iterations
-        allowed = allowed_error(balance, tolerance, inertia, room)
-        energy, slope, defect, moved, stretched = correct(cable, known, discrete, allowed, reach)
-        stretched = stretched and mixed
-        known += 1
-        first = moved if iterations == 1 else first
-        hopeless = not careful and iterations >= HOPELESS and moved > first
-        if not energy < 1e300 or hopeless:
-            break
-        stalls = stalls + 1 if energy > STALLED * previous else 0
-        # The correction is expected to reduce the energy error by the factor `shrinking`.
-        shrinking = 1.0
-        # That of before says nothing once something else touches or slides.
-        if share == 1.0 and iterations > 1 and work.touched[0] == touched:
-            shrinking = max(np.sqrt(energy / previous), SMALLEST_SHRINKING)
-            if iterations == 2:
-                balance.matrix_shrinking = shrinking
-        elif made == 0 and iterations == 1:
-            shrinking = balance.matrix_shrinking
-        share, touched = 1.0, work.touched[0]
-        if cable.terms & CONTACT and iterations > TRUSTING:
-            shrinking = 1.0  # what contracts only now may do so by touching something else
-        exhausted = moved <= ROUND_OFF or (stalls > 1 and moved <= NOISE)
-        converged = exhausted or min(SAFETY * shrinking, 1.0) * defect <= allowed
-        if converged and cable.terms & CONTACT:
-            contact.add_force(cable, YES, cable.state.x, work.rate)
-            converged = exhausted or work.touched[0] == touched
-        if exhausted:
-            # Corrections are round-off: the energy balance cannot be more accurate than this.
-            floor = RESOLUTION * defect
-        # The work of moving or sliding grasps needs the forces after the last correction: one more
-        # evaluation, unless all is at rest. So does the loss by damping, which that correction
-        # changes by its energy or the defect; without contact and twist, motions are too smooth for
-        # that to matter.
-        again = moves or cable.terms & SLIDING != 0
-        again = again and largest(work.change, 0, cable.lines) > ROUND_OFF * reach
-        again = again or (lossy and max(energy, defect) > allowed)
-        if converged and not again:
-            break
-        linearize = energy > SLOW * previous and not converged
-        previous = energy
+    converged, iterations, made, lost, floor = iterate(cable, method, t0, tau, careful, predicts)
     judge_matrix(balance, iterations, made)
-    # Newton's method may converge to a cable folded through itself, with the same energy.
-    if converged and level < CAREFUL_HALVINGS:
-        converged = not turned_over(cable)
-    if converged and cable.terms & SELF:
-        converged = self_contact.validate(cable, tau, level, method.halvings - level)
-    if converged and cable.terms & CONTACT:
-        converged = contact.validate(cable, work.change)
+    converged = converged and is_valid(cable, tau, level, method.halvings)
     if converged:
-        if cable.terms & SELF:
-            self_contact.commit(cable)
         balance.floor = max(balance.floor, floor)
-        finish_step(cable, t0, tau, whole, lost)
-        if cable.terms & CONTACT:
-            contact.commit(cable, tau)
-        balance.slip = 0.5  # the energy balance takes the mean with both methods
-        flow(cable, t0 + tau)
+        accept_step(cable, t0, tau, whole, lost)
     else:
         undo_step(cable)
     balance.slip = 0.0
-    work.results.evaluations += iterations
+    cable.work.results.evaluations += iterations
     return converged
 
 
