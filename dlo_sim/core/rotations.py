@@ -121,6 +121,14 @@ def minimal_rotation(u: ArrayLike, v: ArrayLike) -> Array:
     return _each(lambda row: one_rotation.minimal(row[:3], row[3:]), np.concatenate((u, v), -1))
 
 
+def swung(frame: ArrayLike, direction: ArrayLike) -> Array:
+    """A frame, as columns (3, 3), whose first axis is turned to a direction (3,) by the smallest
+    rotation.
+    """
+    old = np.asarray(frame)
+    return np.asarray(to_matrix(minimal_rotation(old[:, 0], direction)) @ old)
+
+
 def _direction(v: ArrayLike) -> Array:
     v = np.asarray(v, dtype=float)
     norm = np.linalg.norm(v, axis=-1, keepdims=True)

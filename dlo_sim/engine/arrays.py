@@ -18,7 +18,7 @@ from dlo_sim.compiling.groups import Group, Lanes, Number, Numbers, Reals, Whole
 
 MARGIN = 3  # columns before the first control point
 PADDING = 16  # zeros before and behind a vector of all unknowns
-SOME = 32  # columns for which `band.solve_border` solves at a time
+SOME = 32  # columns for which `border.solve_border` solves at a time
 MOST_CORRECTIONS = 14  # of one implicit step with one matrix
 MOST_STAGES = 4  # of a Runge-Kutta method
 ROLL_SIZE = 7  # numbers of `State.roll`
@@ -43,7 +43,7 @@ DRAG = 4096  # of water, and of air where it depends on the direction
 STATIC_TWIST = 8192  # twist without inertia, in equilibrium at the end of each step
 THINNED = 16384  # rate-thinning viscosity of bending
 GUARDED = 32768  # spans are kept from turning over (`engine.span_guard`)
-BORDERED = 1 << 16  # a place between control points may be held (`engine.band`)
+BORDERED = 1 << 16  # a place between control points may be held (`engine.border`)
 LOADED = 1 << 17  # wrenches may act
 SPRUNG = 1 << 18  # springs may hold the cable
 ROLLED = 1 << 34  # strands turn with bodies (`engine.roll`)
@@ -389,9 +389,9 @@ class Work(Group):
         "evaluations",  # of forces, or Newton iterations, in a call of `methods.advance`
         "forces_known",  # 1 while `force` is that of the present state, for explicit methods
         "power",  # of the grasps at the present state [W] (`methods.runge_kutta`)
-        "grounded",  # border rows that undo groundings (`band.ground_border`)
-        "border_known",  # whether border rows but rolls stay from step to step (`band.KNOWN`)
-        "whole_rolls",  # 1 where rolls balance the residual with all of F (`engine.band`)
+        "grounded",  # border rows that undo groundings (`border.ground_border`)
+        "border_known",  # whether border rows but rolls stay from step to step (`border.KNOWN`)
+        "whole_rolls",  # 1 where rolls balance the residual with all of F (`engine.border`)
         "coupled",  # where the factors of the step are: IN_STATE or IN_SKYLINE
         "decaying",  # that of the balance at the start of the step
         *("contact_work", "contact_loss"),  # of the last forces [J] (`contact.add_force`)

@@ -45,7 +45,7 @@ from dlo_sim.engine.arrays import (
     ROLLED,
     SPRING,
 )
-from dlo_sim.engine.band import first_of
+from dlo_sim.engine.border import first_of
 from dlo_sim.engine.grasps import angle_about, carried
 from dlo_sim.engine.rigid_body import directors, means
 from dlo_sim.engine.spans import store_three, three

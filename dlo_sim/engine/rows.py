@@ -32,7 +32,6 @@ from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.kernels import inline, kernel
 from dlo_sim.compiling.lanes import LANES
 from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, VECTOR
-from dlo_sim.engine.band import invert_in_place
 from dlo_sim.engine.grasps import (
     component,
     count_from,
@@ -215,6 +214,23 @@ def fill_system(cable, a, b):
         for j in range(rows.count):
             product = cable.points.product[rows.point[k], rows.point[j]]
             cable.work.system[k, j] = product * alignment(cable, k, j, a, b)
+
+
+@inline
+def invert_in_place(a):
+    """Gauss-Jordan inverse without pivoting, for nearly symmetric positive definite matrices."""
+    size = len(a)
+    for k in range(size):
+        pivot = 1.0 / a[k, k]
+        a[k, k] = 1.0
+        for j in range(size):
+            a[k, j] *= pivot
+        for i in range(size):
+            if i != k:
+                factor = a[i, k]
+                a[i, k] = 0.0
+                for j in range(size):
+                    a[i, j] -= factor * a[k, j]
 
 
 @inline

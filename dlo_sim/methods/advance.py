@@ -27,7 +27,7 @@ from dlo_sim.engine.arrays import (
     records_at,
 )
 from dlo_sim.engine.assembly import flow
-from dlo_sim.engine.band import UNKNOWN
+from dlo_sim.engine.border import UNKNOWN
 from dlo_sim.engine.rows import grasps_move, set_targets
 from dlo_sim.engine.sampling import begin_sample, end_sample
 from dlo_sim.methods.implicit import implicit_step

@@ -11,7 +11,16 @@ from numba import boolean, float64, int64, void
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, NO, YES, inline, kernel
 from dlo_sim.engine import account, bishop, contact, roll
-from dlo_sim.engine.arrays import BETWEEN, BISHOP, CABLE, CONTACT, PADDING, TWISTED, cable_at
+from dlo_sim.engine.arrays import (
+    BETWEEN,
+    BISHOP,
+    CABLE,
+    CONTACT,
+    IN_STATE,
+    PADDING,
+    TWISTED,
+    cable_at,
+)
 from dlo_sim.engine.assembly import (
     add_damping,
     all_forces,
@@ -23,18 +32,19 @@ from dlo_sim.engine.band import (
     clear_band,
     clear_held,
     eliminate,
-    ground_border,
     hold,
     hold_unknown,
-    keep_border,
+    substitute_transposed,
+    turn_vector,
+)
+from dlo_sim.engine.border import (
+    ground_border,
     keep_border_transposed,
     negative_border,
     set_border,
     solve_border,
+    solve_constrained,
     stiffen_border,
-    substitute,
-    substitute_transposed,
-    turn_vector,
 )
 from dlo_sim.engine.grasps import (
     ACTIVE,
@@ -217,6 +227,32 @@ def set_stiffness(cable, predicted, twist):
             hold_unknown(cable.lines, i * cable.lines + cable.dim, band)
 
 
+@kernel((boolean, int64), CABLE, boolean, family=BETWEEN)
+def factorize_at_rest(cable, twist):
+    """Factorise the matrix `work.band` in place, with the constraint rows of the present
+    configuration imposed (`border.solve_constrained`). Without `twist` the twist angles stay.
+
+    Returns whether the factors exist, and for a symmetric matrix the number of its negative
+    eigenvalues within the constraints.
+    """
+    band, x, directions = cable.work.band, cable.state.x, cable.state.direction
+    lines, size = cable.lines, cable.n * cable.lines
+    cable.work.results.coupled = IN_STATE
+    hold(cable, directions, directions, band)
+    roll.set_rolls(cable, x, x, twist)
+    set_border(cable, directions, directions)
+    stiffen_border(cable, band)
+    ground_border(cable, band)
+    if not eliminate(band, size, lines):
+        return False, 0
+    solve_border(cable, band, 1.0)
+    negative = -negative_border(cable)
+    for r in range(size):
+        if band[r, 4 * lines - 1] < 0.0:  # the inverse of a pivot
+            negative += 1
+    return True, negative
+
+
 @kernel(int64, int64, ARRAY_2D, boolean, family=BETWEEN)
 def solve_held(address, unknowns, transposed):
     """Solve K y = unknowns, or K^T y = unknowns, for every row of the unknowns (m, n lines), with
@@ -228,34 +264,22 @@ def solve_held(address, unknowns, transposed):
     cable, sides = cable_at(address), grid(unknowns)
     lines, size = cable.lines, cable.n * cable.lines
     band, z, directions = cable.work.band, cable.work.residual, cable.state.direction
-    cable.work.results.coupled = 0.0
-    hold(cable, directions, directions, band)
-    roll.set_rolls(cable, cable.state.x, cable.state.x, YES)
-    set_border(cable, directions, directions)
-    stiffen_border(cable, band)
-    ground_border(cable, band)
-    if not eliminate(band, size, lines):
+    exist, negative = factorize_at_rest(cable, YES)
+    if not exist:
         return -1
-    solve_border(cable, band, 1.0)
     for side in range(len(sides)):
         for r in range(size):
             z[PADDING + r] = sides[side, r]
-        turn_vector(cable, directions, YES, z, PADDING)
         if transposed:
+            turn_vector(cable, directions, YES, z, PADDING)
             keep_border_transposed(cable, z)
             substitute_transposed(band, size, lines, z)
             clear_held(cable, z, PADDING)
+            turn_vector(cable, directions, NO, z, PADDING)
         else:
-            clear_held(cable, z, PADDING)
-            substitute(band, size, lines, z)
-            keep_border(cable, NO, z)
-        turn_vector(cable, directions, NO, z, PADDING)
+            solve_constrained(cable, band, directions, directions, NO, z)
         for r in range(size):
             sides[side, r] = z[PADDING + r]
-    negative = -negative_border(cable)
-    for r in range(size):
-        if band[r, 4 * lines - 1] < 0.0:
-            negative += 1
     return negative
 
 

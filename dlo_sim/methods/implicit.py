@@ -62,24 +62,26 @@ from dlo_sim.engine.assembly import (
 from dlo_sim.engine.band import (
     add_lines,
     add_springs,
-    balance_border,
     clamps_here,
     clear_band,
     clear_held,
     eliminate,
     hold,
-    keep_border,
     own_point,
-    set_border,
-    set_roll_force,
-    set_roll_rows,
     solve,
-    solve_border,
-    stiffen_border,
-    substitute,
     to_lines,
     to_unknowns,
     turn_vector,
+)
+from dlo_sim.engine.border import (
+    balance_border,
+    keep_border,
+    set_border,
+    set_roll_force,
+    set_roll_rows,
+    solve_border,
+    solve_constrained,
+    stiffen_border,
 )
 from dlo_sim.engine.lines import (
     add,
@@ -682,7 +684,7 @@ def settle_overdamped(cable, moves, tau):
     state, work, dim, lines = cable.state, cable.work, cable.dim, cable.lines
     w, change, mass = state.w, work.change, cable.linear.mass[0]
     before = state.history[1]
-    apart, push, step, solved = work.rate, work.inertia, work.step, work.residual
+    apart, push, solved = work.rate, work.inertia, work.residual
     clear(apart)
     alternating, mean = zero(), zero()
     for d in range(dim):
@@ -702,16 +704,11 @@ def settle_overdamped(cable, moves, tau):
         for d in range(dim):
             add_product(mass, 2.0 / (tau * tau), apart[d], push[d])
         to_unknowns(cable, push, solved)
-        turn_vector(cable, work.middle_direction, YES, solved, PADDING)
-        clear_held(cable, solved, PADDING)
-        solve(cable, state.matrix, solved)
-        keep_border(cable, NO, solved)
-        for r in range(cable.n * lines):
-            step[r] = solved[PADDING + r]
-        turn_vector(cable, state.direction, NO, step, 0)
+        pushed, ahead = work.middle_direction, state.direction
+        solve_constrained(cable, state.matrix, pushed, ahead, NO, solved)
         for d in range(dim):
             for i in range(cable.n):
-                apart[d, MARGIN + i] -= step[i * lines + d]
+                apart[d, MARGIN + i] -= solved[PADDING + i * lines + d]
     if moves:
         project(cable, apart, work.multipliers)
     clear(push)
@@ -760,17 +757,11 @@ def stop_contacts(cable, t, tau):
             return 0.0
         solve_border(cable, band, SOFT)
         to_unknowns(cable, push, solved)
-        turn_vector(cable, directions, YES, solved, PADDING)
-        clear_held(cable, solved, PADDING)
+        solve_constrained(cable, band, directions, directions, NO, solved)
         copy(before, v)
-        substitute(band, cable.n * lines, lines, solved)
-        keep_border(cable, NO, solved)
-        for r in range(cable.n * lines):
-            work.step[r] = solved[PADDING + r]
-        turn_vector(cable, directions, NO, work.step, 0)
         for d in range(lines):
             for i in range(cable.n):
-                v[d, MARGIN + i] += work.step[i * lines + d]
+                v[d, MARGIN + i] += solved[PADDING + i * lines + d]
         last = attempt + 1 == MOST_STOPS
         settled, worked = contact.validate_impulses(cable, tau, v, last)
         if settled:

@@ -22,7 +22,6 @@ from dlo_sim.engine.arrays import (
     BETWEEN,
     BISHOP,
     CABLE,
-    IN_STATE,
     LINES,
     MARGIN,
     MATERIAL,
@@ -32,22 +31,13 @@ from dlo_sim.engine.arrays import (
 from dlo_sim.engine.assembly import all_forces
 from dlo_sim.engine.band import (
     add_line,
-    border_columns,
-    clear_held,
-    eliminate,
-    ground_border,
-    hold,
-    keep_border,
-    negative_border,
-    set_border,
-    solve_border,
-    stiffen_border,
-    substitute,
     to_lines,
     to_unknowns,
-    turn_vector,
 )
 from dlo_sim.engine.bishop import follow_shape, tau_between
+from dlo_sim.engine.border import (
+    solve_constrained,
+)
 from dlo_sim.engine.lines import add_product, clear, copy
 from dlo_sim.engine.loads import add_load_stiffness, load_force
 from dlo_sim.engine.natural_curvature import follow_natural
@@ -61,7 +51,7 @@ from dlo_sim.engine.spans import (
     tangent_at,
 )
 from dlo_sim.engine.tension import predict_tension
-from dlo_sim.methods.between_steps import set_stiffness
+from dlo_sim.methods.between_steps import factorize_at_rest, set_stiffness
 
 MAX_ITERATIONS = 12
 CONVERGED, EXACT = 1e-4, 1e-12  # last correction: share of that of the step, or of the length
@@ -153,8 +143,7 @@ def correct(address, pseudo, guide, begun, length, predicted, twist, rolls):
         predicted. `work.change`: the move in this step so far, of the twist that against the shape.
     """
     cable = cable_at(address)
-    work, lines, size = cable.work, cable.lines, cable.n * cable.lines
-    band, directions = work.band, cable.state.direction
+    work, band = cable.work, cable.work.band
     set_stiffness(cable, predicted, twist)
     add_load_stiffness(cable, cable.state.x, 0.0, 1.0, band)
     add_inertia(cable, pseudo, guide)
@@ -162,26 +151,15 @@ def correct(address, pseudo, guide, begun, length, predicted, twist, rolls):
         add_line(cable, cable.dim, cable.linear.mass[0], spin(length, pseudo), band)
     if rolls:
         keep_columns(cable)
-    hold(cable, directions, directions, band)
-    roll.set_rolls(cable, cable.state.x, cable.state.x, twist)
-    set_border(cable, directions, directions)
-    stiffen_border(cable, band)
-    ground_border(cable, band)
-    work.results.coupled = IN_STATE
-    if not eliminate(band, size, lines):
-        return False
-    count = negative(band, size, 4 * lines - 1)
-    if count > border_columns(cable):
-        return False
-    solve_border(cable, band, 1.0)
-    if count != negative_border(cable):
+    exist, negative = factorize_at_rest(cable, twist)
+    if not exist or negative != 0:
         return False
     set_force(cable, pseudo, guide, begun, length, twist)
     solve_lines(cable, work.force, YES, work.nudge)
     if rolls:
         turn_held(cable, begun)
     finite = True
-    for d in range(lines):
+    for d in range(cable.lines):
         for i in range(cable.n):
             value = work.nudge[d, MARGIN + i]
             finite = finite and value - value == 0.0
@@ -201,22 +179,9 @@ def solve_lines(cable, push, closes, out):
     """
     z, directions = cable.work.residual, cable.state.direction
     to_unknowns(cable, push, z)
-    turn_vector(cable, directions, YES, z, PADDING)
-    clear_held(cable, z, PADDING)
-    substitute(cable.work.band, cable.n * cable.lines, cable.lines, z)
-    keep_border(cable, closes, z)
-    turn_vector(cable, directions, NO, z, PADDING)
+    solve_constrained(cable, cable.work.band, directions, directions, closes, z)
     clear(out)
     to_lines(cable, z, PADDING, out)
-
-
-@inline
-def negative(band, size, half):
-    """Number of negative pivots; the factors have 1 / pivot."""
-    count = 0
-    for r in range(size):
-        count += 1 if band[r, half] < 0.0 else 0
-    return count
 
 
 @inline

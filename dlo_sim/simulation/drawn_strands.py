@@ -67,7 +67,7 @@ class Drawn(NamedTuple):
         low = np.clip(places - 0.5 * step, 0.0, length - step)
         frame = self.frame
         for tangent in self.line(low + step) - self.line(low):
-            frame = rotations.to_matrix(rotations.minimal_rotation(frame[:, 0], tangent)) @ frame
+            frame = rotations.swung(frame, tangent)
         return self.line(places[-1:])[0], frame
 
 
@@ -118,8 +118,7 @@ def drawn(
                 own = replace(own, end=replace(own.end, fixed=FIXED))
         one = Drawn(own, local, frame, ring)
         leaving = one.line(np.array([0.0, 1e-6 * own.cable.length]))
-        swing = rotations.minimal_rotation(frame[:, 0], leaving[1] - leaving[0])
-        found[name] = one._replace(frame=rotations.to_matrix(swing) @ frame)
+        found[name] = one._replace(frame=rotations.swung(frame, leaving[1] - leaving[0]))
     return found
 
 
@@ -158,7 +157,7 @@ def frames_of(model: Model, points: Array, orientation: Array) -> dict[str, Arra
     frames = dict[str, Array]()
     for part in model.parts:
         tangent = _tangent(part, points, 0.0)
-        frames[part.name] = _swung(rotations.to_matrix(orientation) @ part.drawn, tangent)
+        frames[part.name] = rotations.swung(rotations.to_matrix(orientation) @ part.drawn, tangent)
         for join in model.joins:
             other = next(one for one in model.parts if one.name == join.other)
             if join.strand == part.name and join.u == 0.0 and not join.in_line:
@@ -220,13 +219,8 @@ def _carried(frame: Array, part: Part, points: Array, begin: float, end: float) 
     """A frame carried along a strand."""
     places = np.linspace(begin, end, PLACES if end > begin else 1)
     for slope in bspline.evaluate(points[part.here], part.model.knots, places, 1):
-        frame = _swung(frame, slope / math.hypot(*slope))
+        frame = rotations.swung(frame, slope / math.hypot(*slope))
     return frame
-
-
-def _swung(frame: Array, tangent: Array) -> Array:
-    """The frame with its first axis turned to a tangent by the smallest rotation."""
-    return np.asarray(rotations.to_matrix(rotations.minimal_rotation(frame[:, 0], tangent)) @ frame)
 
 
 def _turned(drawn: Array, other: Array, tangent: Array, across: Array) -> Array:

@@ -25,9 +25,10 @@ from dlo_sim.simulation.model import Layout, Model
 from dlo_sim.simulation.net import joining, layout_of, rolls_of
 
 Array = NDArray[np.float64]
-LIGHT = 1e-3  # of a third of a span: mass of a body that has none of its own
-RIGID = 100.0  # stiffness of a body, in that of a cable as long as its directors, or its `load`
-# What the lanes of void spans have where they are divided by.
+Place = tuple[str, float]
+LIGHT = 1e-3  # mass of the body of a joint, as a share of that of a third of a knot span
+RIGID = 100.0  # stiffness K of a body over EA times the length of its directors, or its `load`
+# Values in the lanes of void spans that the compiled code divides by.
 VOID = {"padding": 1.0, "slope": 1.0, "axial": 1.0, "bending": 1.0, "torsional": 1.0}
 
 
@@ -68,30 +69,23 @@ def joined(
         bodies=len(layout.bodies),
         strands=len(parts),
         rolls=(rigid, len(rolls) - rigid),
-        chain_joints=len(layout.joins) + siblings_of(layout),
+        chain_joints=len(meeting_places(layout)),
         extras=groups_of(scene.connectors) * ("contact" in needs),
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
-    model = Model(
-        scene,
-        needs,
-        geometries,
-        arrays,
-        first.knots,
-        Quadrature(
+    model = replace(
+        first,
+        scene=scene,
+        needs=needs,
+        geometries=geometries,
+        arrays=arrays,
+        rule=Quadrature(
             layout.by_span([part.model.rule.xi for part in parts]),
             layout.by_span([part.model.rule.weights for part in parts]),
         ),
-        first.axes,
-        first.twist,
-        holding,
-        first.axial_stiffness,
-        layout.by_span([part.model.bending_stiffness for part in parts]),
-        first.rest,
-        first.origin,
-        first.obstacles,
-        first.fields,
-        layout,
+        holding=holding,
+        bending_stiffness=layout.by_span([part.model.bending_stiffness for part in parts]),
+        layout=layout,
     )
     arrays.axes[:] = first.arrays.axes
     arrays.physics = first.arrays.physics
@@ -99,10 +93,18 @@ def joined(
     return model
 
 
-def siblings_of(layout: Layout) -> int:
-    """Number of pairs of strands that begin at the same place."""
-    places = [(one.other, one.at) for one in layout.joins]
-    return sum(places[:k].count(place) for k, place in enumerate(places))
+def meeting_places(layout: Layout) -> list[tuple[Place, Place]]:
+    """Both places (strand, material coordinate [m]) of every joint, and of every two strands that
+    begin at the same place.
+    """
+    joints = [((one.strand, one.u), (one.other, one.at)) for one in layout.joins]
+    siblings = [
+        (here, there)
+        for k, (here, at) in enumerate(joints)
+        for there, other_at in joints[:k]
+        if other_at == at
+    ]
+    return joints + siblings
 
 
 def sum_of_terms(models: Mapping[str, Model]) -> int:
@@ -180,12 +182,8 @@ class _Joining:
         diameter, also those that begin at the same place.
         """
         numbers = {part.name: number for number, part in enumerate(self._parts)}
-        places = [[(one.strand, one.u), (one.other, one.at)] for one in self._layout.joins]
-        found = [(a, b) for a, b in places]
-        for k, (here, at) in enumerate(places):
-            found += [(here, there) for there, other_at in places[:k] if other_at == at]
         parts, joined = self._layout.parts, []
-        for (one, u), (other, v) in found:
+        for (one, u), (other, v) in meeting_places(self._layout):
             ways = parts[one].drawn[:, 0], parts[other].drawn[:, 0]
             apart = math.sqrt(max(0.5 - 0.5 * abs(float(ways[0] @ ways[1])), 1e-4))
             thick = max(parts[name].model.scene.cable.diameter for name in (one, other))

@@ -318,7 +318,9 @@ class Body(NamedTuple):
 
     @property
     def load(self) -> float:
-        """A hundred times the moment [N m] of its weight on earth about its origin."""
+        """Stiffness [J] that its weight suggests: a hundred times the moment [N m] of the weight on
+        earth about the origin, at the radius of gyration.
+        """
         if self.connector is None:
             return 0.0
         one = self.connector
@@ -335,7 +337,9 @@ class Body(NamedTuple):
         return np.concatenate([origin[..., 0, :], np.reshape(turned, (*rows.shape[:-2], 4))], -1)
 
     def taken(self, other: Body, points: Array) -> Array:
-        """Its control points where the other body has these, both (4, 3), or their velocities."""
+        """Its control points [m], shape (4, 3), where it lies as another body with directors of
+        other lengths that has these, or their velocities [m/s].
+        """
         ratio = np.array(self.signs) * self.length / (np.array(other.signs) * other.length)
         return points[0] + np.append(0.0, ratio)[:, None] * (points - points[0])
 

@@ -69,8 +69,7 @@ def drawn_frame(strand: Strand, before: Mapping[str, Array], start: Geometry, ma
         along = rotations.rotate(turn, start.tangent)
     elif not along.any():
         along = frame[:, 0]
-    swing = rotations.minimal_rotation(frame[:, 0], along)
-    return np.asarray(rotations.to_matrix(swing) @ frame)
+    return rotations.swung(frame, along)
 
 
 def drawn_frames(scene: Scene, geometries: Geometries) -> dict[str, Array]:

@@ -10,13 +10,8 @@ from numba import boolean, int64, void
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.kernels import ARRAY_2D, kernel
 from dlo_sim.engine.arrays import BETWEEN, IN_SKYLINE, IN_STATE, cable_at
-from dlo_sim.engine.band import (
-    eliminate,
-    hold,
-    negative_eigenvalues,
-    set_border,
-    solve_border,
-)
+from dlo_sim.engine.band import eliminate, hold
+from dlo_sim.engine.border import negative_eigenvalues, set_border, solve_border
 from dlo_sim.engine.skyline import (
     begin_skyline,
     eliminate_skyline,

@@ -219,10 +219,13 @@ def test_harnesses_that_cannot_be_are_refused_by_their_key(read, tmp_path, chang
         read(**changes)
 
 
-@pytest.mark.skipif(
+recorded = pytest.mark.skipif(
     not PLACE.is_dir(),
     reason=f"no recordings in {PLACE}: set DLO_SIM_DATA to the folder that holds deft_bdlo",
 )
+
+
+@recorded
 def test_recorded_harnesses_are_read():
     found = {}
     for path in sorted(PLACE.glob("*.npz")):
@@ -239,10 +242,7 @@ def test_recorded_harnesses_are_read():
     }
 
 
-@pytest.mark.skipif(
-    not PLACE.is_dir(),
-    reason=f"no recordings in {PLACE}: set DLO_SIM_DATA to the folder that holds deft_bdlo",
-)
+@recorded
 @pytest.mark.parametrize(
     ("cable", "most"), [("BDLO1", 0.85), ("BDLO2", 1.0), ("BDLO3", 0.8), ("BDLO4", 0.65)]
 )

@@ -6,7 +6,6 @@ from harness import MS, SECOND, T0, feed, harness
 from plans import trajectory
 
 from dlo_sim.core import rotations
-from dlo_sim.scene.loading import SceneError
 from dlo_sim.session import cdr
 from dlo_sim.session.plans import answer, request
 from dlo_sim.session.saved_state import load_state, save_state
@@ -177,10 +176,3 @@ def test_plan_moves_the_end_of_a_branch(ran):
     assert np.linalg.norm(tips[3] - (0.0, -0.5, 0.0)) == pytest.approx(0.2, abs=1e-3)
     ghosts = cdr.read(cdr.MARKER, found.messages[1].data)
     assert len(ghosts.points) == 5 * 4 * 2 * 49
-
-
-def test_what_nets_have_not_is_refused():
-    with pytest.raises(SceneError, match=r"^measured.type: 'point_cloud' corrects a single cable"):
-        harness(**{"measured.type": "point_cloud"})
-    with pytest.raises(SceneError, match=r"^discretization.knots: 'graded' is not available for a"):
-        harness(**{"discretization.knots": "graded"})

@@ -235,6 +235,7 @@ def test_a_payload_on_a_cable_has_two_pendulum_modes(joint):
     found = frequencies(sim, 5)
     assert found[0] < 1e-2 * found[1]
     np.testing.assert_allclose(found[1:], np.repeat(expected, 2), rtol=5e-3)
+    assert np.linalg.norm(sim.reaction("start")[0]) == pytest.approx(MASS * GRAVITY, rel=1e-3)
 
 
 @pytest.mark.parametrize("joint", ["rigid", "hinged"])
