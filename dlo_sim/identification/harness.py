@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import rotations
+from dlo_sim.core.bent_line import bent_line
 from dlo_sim.identification.measurement import TANGENT, MeasurementError, shares_along
 
 Array = NDArray[np.float64]
@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 DRAWN = np.array([TANGENT, (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)])
 CONTROL_POINTS = 5
 POINTS = 3  # of the natural curvature of a branch
-STEPS = 30  # of its curve
 ITERATIONS = 15
 EVEN = 0.005  # weight of a radian of bend, and of its changes, against an error of the length
 
@@ -88,17 +87,7 @@ def _frame(x: Array) -> Array:
 
 def _curve(x: Array, shares: Array) -> Array:
     """Points of the curve at shares of its length, shape (M, 3)."""
-    middles = (np.arange(STEPS) + 0.5) / STEPS
-    bend = [np.interp(middles, np.linspace(0.0, 1.0, POINTS), row) for row in x[2:].reshape(2, -1)]
-    turns = np.stack([np.zeros(STEPS), *bend], axis=-1) / STEPS
-    halves = rotations.to_matrix(rotations.from_rotation_vector(0.5 * turns))
-    frame, way = _frame(x), np.zeros((STEPS + 1, 3))
-    for k, half in enumerate(halves):
-        frame = frame @ half
-        way[k + 1] = way[k] + frame[:, 0] / STEPS
-        frame = frame @ half
-    grid = np.linspace(0.0, 1.0, STEPS + 1)
-    return np.stack([np.interp(shares, grid, column) for column in way.T], axis=-1)
+    return bent_line(_frame(x), (*x[2:].reshape(2, -1), np.zeros(1)), 1.0, shares)
 
 
 def _unit(vectors: Array) -> Array:

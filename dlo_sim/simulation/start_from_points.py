@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline, quadrature, rotations
+from dlo_sim.core.bent_line import bent_line
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.drawn_strands import with_bodies
 from dlo_sim.simulation.ends import EndDrive
@@ -30,7 +31,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 BEND, LENGTH = 1e-7, 1e2
 BEND_OF_BRANCH = 1e-4  # against its unloaded shape, since it may have few points
-PIECES = 30  # of an unloaded shape
 EVEN = 0.07  # local strain beyond that of the span: half of where the span guard acts
 SAMPLES = 3  # quadrature points of a knot span
 STEPS, HALVINGS = 25, 6  # most Gauss-Newton steps, and halvings of one
@@ -244,24 +244,13 @@ def _unloaded(part: Part) -> Array:
     drawn, shape (n, 3).
     """
     cable, knots = part.model.scene.cable, part.model.knots
-    middles = (np.arange(PIECES) + 0.5) / PIECES
-    turns = [
-        np.interp(middles, np.linspace(0.0, 1.0, len(one)), one) for one in cable.natural_shape
-    ]
-    first, second, twist = (part.length / PIECES * np.array(one) for one in turns)
     x = part.drawn[:, 0]
     axis = np.array(cable.rest_curvature_axis)
     axis = axis - (axis * x).sum() * x
     axis = axis / np.linalg.norm(axis) if cable.shaped else part.drawn[:, 1]
-    frame, places = np.stack([x, axis, np.cross(x, axis)], axis=1), [np.zeros(3)]
-    for turn in np.stack([twist, first, second], axis=1):
-        half = rotations.to_matrix(rotations.from_rotation_vector(0.5 * turn))
-        places.append(places[-1] + part.length / PIECES * (frame @ half)[:, 0])
-        frame = frame @ half @ half
-    grid = np.linspace(0.0, part.length, PIECES + 1)
-    greville = bspline.greville(knots)
-    line = [np.interp(greville, grid, column) for column in np.array(places).T]
-    return bspline.interpolate(knots, np.stack(line, axis=1))
+    frame = np.stack([x, axis, np.cross(x, axis)], axis=1)
+    line = bent_line(frame, cable.natural_shape, part.length, bspline.greville(knots))
+    return bspline.interpolate(knots, line)
 
 
 def _turn_of_branch(part: Part, other: Part, tangent: Array, arms: Array) -> Array:

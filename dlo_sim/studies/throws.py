@@ -11,6 +11,7 @@ of the axis are taken to move straight between two looks:
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +34,8 @@ from dlo_sim.studies.strands import writhe
 KINDS = ("box", "sphere", "edge", "itself")
 # What smooth contact keeps of the momentum, and what of it may be open. Where a step passes from a
 # face to a rounded edge, its discrete gradient has a part along the edge.
-KEPT = {
+Kept = Mapping[str, tuple[str, float]]
+KEPT: Kept = {
     "itself": ("at itself", 1e-9),
     "sphere": ("about a sphere", 1e-6),
     "edge": ("along a bar", 2e-3),
@@ -83,31 +85,23 @@ class Throw(NamedTuple):
 
 def throws(count: int) -> Answers:
     """`count` throws, in turn at all of KINDS."""
-    found, failed = [], 0
-    for number in range(count):
-        try:
-            found.append(thrown(number, {}))
-        except RuntimeError:
-            failed += 1
-    return judged(count, found, failed)
+    return attempted(count, thrown, KEPT)
 
 
 def throws_of_two(count: int) -> Answers:
     """`count` throws of a cable at another one."""
+    return attempted(count, thrown_at_another, {"itself": ("of both", 1e-9)})
+
+
+def attempted(count: int, throw: Callable[[int, Values], Throw], kept: Kept) -> Answers:
+    """Answers of `count` throws, of which some may fail."""
     found, failed = [], 0
     for number in range(count):
         try:
-            found.append(thrown_at_another(number, {}))
+            found.append(throw(number, {}))
         except RuntimeError:
             failed += 1
-    answers = (
-        Answer(f"of {count} throws at a cable pass", 0.0, sum(one.passed for one in found), 0.0),
-        Answer(f"of {count} fail or are NaN", 0.0, failed + sum(not t.finite for t in found), 0.0),
-        Answer(f"of {count} touch nothing", 0.0, sum(not one.hit for one in found), 0.1 * count),
-        Answer("energy, open by", 0.0, largest([one.energy for one in found]), 1e-4),
-        Answer("momentum, open by", 0.0, largest([one.momentum or 0.0 for one in found]), 1e-9),
-    )
-    return Answers(answers, sum(one.seconds for one in found), None)
+    return judged(count, found, failed, kept)
 
 
 def thrown_at_another(number: int, settings: Values) -> Throw:
@@ -145,12 +139,16 @@ def thrown_at_another(number: int, settings: Values) -> Throw:
     return Throw("itself", passed, finite, hit, sim.energy_error, changed, sim.seconds)
 
 
-def judged(count: int, found: list[Throw], failed: int) -> Answers:
-    """Answers of `count` throws. They are not met by NaN, or where all throws failed."""
+def judged(count: int, found: list[Throw], failed: int, kept: Kept = KEPT) -> Answers:
+    """Answers of `count` throws. They are not met by NaN, or where all throws failed.
+
+    Args:
+        kept: kind of a throw -> of which momentum `Throw.momentum` is, and how far it may be open.
+    """
     energy = largest([one.energy for one in found])
     open_by = {
         kind: largest([t.momentum for t in found if t.kind == kind and t.momentum is not None])
-        for kind in KEPT
+        for kind in kept
     }
     answers = (
         Answer(f"of {count} throws pass", 0.0, sum(one.passed for one in found), 0.0),
@@ -159,7 +157,7 @@ def judged(count: int, found: list[Throw], failed: int) -> Answers:
         Answer(f"energy of {count} throws, open by", 0.0, energy, 1e-4),
     ) + tuple(
         Answer(f"momentum of {count} throws, {words}, open by", 0.0, open_by[kind], allowed)
-        for kind, (words, allowed) in KEPT.items()
+        for kind, (words, allowed) in kept.items()
     )
     return Answers(answers, sum(one.seconds for one in found), None)
 
