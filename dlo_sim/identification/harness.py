@@ -43,7 +43,7 @@ def branch_values(name: str, at: float, points: Array, around: Array) -> dict[st
     seen = seen[np.isfinite(seen).all(axis=(2, 3))]
     if not len(seen):
         raise MeasurementError(
-            f"branch {name} and the markers beside its begin are in no frame all known and apart; "
+            f"branch {name} and the markers beside its start are in no frame all known and apart; "
             "leave it out"
         )
     direction, axis, bend = _bent_through(np.median(seen, axis=0) / length, shares[1:])
@@ -59,7 +59,7 @@ def branch_values(name: str, at: float, points: Array, around: Array) -> dict[st
 
 
 def _bent_through(points: Array, shares: Array) -> tuple[Array, Array, Array]:
-    """Direction at the begin, axis of the first curvature, and both curvatures, shape (2, POINTS),
+    """Direction at the start, axis of the first curvature, and both curvatures, shape (2, POINTS),
     of a curve of unit length from the origin through points (M, 3) at shares of its length.
     """
 
@@ -79,7 +79,7 @@ def _bent_through(points: Array, shares: Array) -> tuple[Array, Array, Array]:
 
 
 def _frame(x: Array) -> Array:
-    """Direction, axis of the first and axis of the second curvature at the begin, as columns."""
+    """Direction, axis of the first and axis of the second curvature at the start, as columns."""
     c, s, up, out = math.cos(x[0]), math.sin(x[0]), math.cos(x[1]), math.sin(x[1])
     direction, axis = np.array([up * c, up * s, out]), np.array([-out * c, -out * s, up])
     return np.stack([direction, axis, np.cross(direction, axis)], axis=-1)

@@ -54,6 +54,6 @@ def pose_at(row: Array, t: float) -> tuple[Array, Array]:
 
 
 def poses_of(motion: EndMotion) -> Array:
-    """Poses at the begin, in the middle and at the end of a motion, shape (3, 7)."""
+    """Poses at the start, in the middle and at the end of a motion, shape (3, 7)."""
     t = motion.start + motion.duration * np.array([0.0, 0.5, 1.0])
     return np.hstack([motion.position_at(t), motion.orientation_at(t)])

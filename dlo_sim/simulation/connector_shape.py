@@ -1,5 +1,5 @@
-"""Shapes of connectors as balls that touch obstacles: a sphere is one, a capsule a row of them
-along its axis, a box small ones along its faces, edges and corners, which so are round.
+"""Shapes of connectors as balls that touch obstacles: a sphere is one ball, a capsule a row of
+balls along its axis, a box small balls over its surface, which round its edges and corners.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 (`geometry.first_shape`), each branch from where it begins, in its direction there.
 
 A branch leaves in the frame of its parent, carried along the parent without twist. It is straight,
-or an arc to what holds its far end. A strand whose end is joined to its own begin is a circle.
+or an arc to what holds its far end. A strand whose end is joined to its own start is a circle.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Drawn(NamedTuple):
     """A strand before any relaxation.
 
     Attributes:
-        scene, geometries: of it alone, held where it is joined, too. frame: at its begin in the
+        scene, geometries: of it alone, held where it is joined, too. frame: at its start in the
             world, x along it, as columns. ring: whether it ends where it begins.
     """
 
@@ -148,8 +148,10 @@ def first_points(model: Model) -> Array:
 
 
 def frames_of(model: Model, points: Array, orientation: Array) -> dict[str, Array]:
-    """Frame in which each strand begins at control points (n, 3), as columns, x along it: a branch
-    leaves its parent at the angle at which it is drawn, turned about the line of its own.
+    """Frame in which each strand begins at control points (n, 3), as columns, x along it.
+
+    That of a branch is the frame in which it is drawn, turned so that x is its tangent and the
+    drawn direction of its parent comes as near to the parent's tangent as that allows.
 
     Args:
         orientation: of the end effector at the start of the main cable.

@@ -7,10 +7,10 @@ them (`engine.rows`, `engine.roll`).
 
 A rigid body is four control points, its origin and the ends of three directors e1, e2, e3
 (`engine.rigid_body`). Where a strand begins or ends in one, its first or last two control points
-are the origin and the end of e1, which so is its tangent: r' there is e1, of unit length. Farther
-along a strand a body is a block of four control points of its own, held by rows. A connector is
-such a body, and a branch that a rigid or elastic joint holds across the line of its parent begins
-in one, of next to no mass.
+are the origin and the end of e1, so that r' there is e1, of unit length. Farther along a strand a
+body is a block of four control points of its own, held by rows. A connector is such a body, and a
+branch that a rigid or elastic joint holds across the line of its parent begins in one, of next to
+no mass.
 
 A joint holds r(u) of a strand at a place of another one. Rigid, it also holds the tangent r'(u)
 there in the body in which the branch begins, and the roll; where both tangents are in line, they
@@ -165,7 +165,7 @@ def place_at(part: Part, u: float, order: int = 0) -> Point:
     """Basis values, or derivatives, at a place of a strand, in the net."""
     column, values = bspline.active_basis(part.model.knots, [u], order)
     a, b, c, d = values[0].tolist()
-    if order:
+    if order:  # derivatives: zero for equal control points, without round-off
         d = -a - b - c
     return Point(part.first + int(column[0]), (a, b, c, d))
 

@@ -601,7 +601,7 @@ def pieces_of(scene: Scene) -> tuple[int, int]:
 
 
 class Beside(NamedTuple):
-    """Samples of places beside the cable, such as of a body on it.
+    """Samples of surfaces beside the axis of a cable: the balls of its connectors.
 
     Attributes:
         first: control point with which each group of LANES begins, shape (groups,).

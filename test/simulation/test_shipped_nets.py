@@ -9,7 +9,7 @@ from dlo_sim.simulation.simulator import Simulator
 
 
 def along(name, tmp_path, change=lambda line: line, **values):
-    """A simulator at rest at the begin of the plan in the comments of a scene, and its forecast."""
+    """A simulator at rest at the start of the plan in the comments of a scene, and its forecast."""
     lines = shipped_scene(name).read_text().splitlines()
     first = lines.index("# with this plan.yaml:") + 2
     plan = [line[4:] for line in lines[first : lines.index("/**:")]]
