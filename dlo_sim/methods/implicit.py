@@ -17,9 +17,10 @@ that what is stiff does not ring.
 
 **The solution.** `begin_step` predicts q1 and moves the constraint rows to their targets. Then the
 forces (`step_force`), the residual of the momentum balance (`set_residual`) and a correction
-(`correct`) alternate until the energy error of the step is small. Corrections are Newton's with the
-Jacobian of `engine.elastic`, whose tension, an unknown of its own, is the one that the last
-correction predicted (`engine.tension`); between two factorisations they are Broyden's.
+(`correct`) alternate until the energy error of the step is small (`iterate`). Corrections are
+Newton's with the Jacobian of `engine.elastic`, whose tension, an unknown of its own, is the one
+that the last correction predicted (`engine.tension`); between two factorisations they are
+Broyden's. What was found may still fold the cable over or pass through something (`is_valid`).
 `finish_step` updates velocities, reactions and the energy balance. `try_step` is all of this. A
 step that does not converge is rejected and repeated in halves, quarters, ... of its length
 (`implicit_step`).
