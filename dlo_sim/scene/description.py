@@ -641,6 +641,8 @@ def check_added(scene: Scene, obstacle: Obstacle) -> None:
     """Raise SceneError for an obstacle that cannot be added to a scene while it is simulated:
     invalid, driven by poses, or of the name of another.
     """
+    if not (isinstance(obstacle.name, str) and obstacle.name.isprintable()):
+        raise SceneError(f"obstacles: {obstacle.name!r:.60} is no name; give a printable text")
     for row in parameters_of(obstacle, f"obstacles.{obstacle.name}."):
         check_value(row, row.default)
     taken = set(scene.holders) | {one.name for one in scene.bodies}

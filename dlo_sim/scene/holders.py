@@ -203,7 +203,7 @@ class End(Holder):
 
     mass: float = parameter(0.0, "kg", (0.0, 1.0e4))
     joined: str = parameter("", read_only=True)
-    joined_at: float = parameter(0.0, "", (0.0, 1.0))
+    joined_at: float = parameter(0.0, "", (0.0, 1.0), read_only=True)
     joint: str = parameter("rigid", choices=JOINTS, read_only=True)
     joint_stiffness: float = parameter(0.0, "N m/rad", (0.0, 1.0e9))
 

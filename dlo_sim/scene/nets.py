@@ -61,7 +61,7 @@ class Branch(Group):
 
     name: str
     from_: str = parameter(MAIN, read_only=True)
-    at: float = parameter(0.5, "", (0.0, 1.0))
+    at: float = parameter(0.5, "", (0.0, 1.0), read_only=True)
     direction: Vector = parameter(ORIGIN, "", (-1.0, 1.0))
     joint: str = parameter("rigid", choices=JOINTS, read_only=True)
     joint_stiffness: float = parameter(0.0, "N m/rad", (0.0, 1.0e9))
@@ -120,7 +120,7 @@ class Connector(Group):
 
     name: str
     on: str = parameter(MAIN, read_only=True)
-    at: float = parameter(1.0, "", (0.0, 1.0))
+    at: float = parameter(1.0, "", (0.0, 1.0), read_only=True)
     mass: float = parameter(0.0, "kg", (0.0, 1.0e4))
     center: Vector = parameter(ORIGIN, "m", (-1.0e3, 1.0e3))
     inertia: Vector = parameter(ORIGIN, "kg m^2", (0.0, 1.0e9))

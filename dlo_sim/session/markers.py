@@ -97,7 +97,7 @@ def change_of(marker: cdr.Marker, radius: float) -> Change:
 
 def _mesh_of(marker: cdr.Marker, radius: float) -> tuple[str, Vector]:
     """The triangles of a marker as `Obstacle.mesh`, and their extents [m]."""
-    from dlo_sim.simulation.meshes import Grid, keep_triangles  # imports the compiler
+    from dlo_sim.simulation.meshes import Grid, box_of, keep_triangles  # imports the compiler
 
     count = len(marker.points)
     if count % 3 or not 4 <= count // 3 <= MOST_TRIANGLES:
@@ -111,7 +111,8 @@ def _mesh_of(marker: cdr.Marker, radius: float) -> tuple[str, Vector]:
         Grid(points, _CELLS, radius)
     except ValueError as problem:
         raise _bad(str(problem).partition(": ")[2]) from None
-    x, y, z = np.ptp(points, axis=0).tolist()
+    low, high = box_of(points)
+    x, y, z = (high - low).tolist()
     return mesh, (x, y, z)
 
 

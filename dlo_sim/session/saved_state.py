@@ -24,7 +24,7 @@ from dlo_sim.core.arguments import numbers
 from dlo_sim.core.methods import METHODS
 from dlo_sim.core.npz import NpzUnreadable, read_npz
 from dlo_sim.process.atomic_output import write_atomically
-from dlo_sim.scene.description import Obstacle, Scene, scene_from_values, scene_values
+from dlo_sim.scene.description import Obstacle, Scene, check_added, scene_from_values, scene_values
 from dlo_sim.scene.needs import Needs
 from dlo_sim.scene.refusal import SceneError, brief, one_line
 from dlo_sim.simulation.resolution import continued
@@ -132,8 +132,11 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
         shaped = {key: np.array(one) for key, one in zip(_VECTORS, vectors, strict=True)}
         geometries[name] = Geometry(**shaped, u=u)
     taken = (replace(g, taken=geometries[g.name].u is not None) for g in scene.grasps)
-    added = tuple(Obstacle(**_with_tuples(one)) for one in head["added"])
-    scene = replace(scene, grasps=tuple(taken), added=added)
+    scene = replace(scene, grasps=tuple(taken), added=())
+    for one in head["added"]:
+        obstacle = Obstacle(**_with_tuples(one))
+        check_added(scene, obstacle)
+        scene = replace(scene, added=(*scene.added, obstacle))
     model = build_model(scene, needs, geometries, np.array(head["origin"]))
     choice = Choice(**head["choice"] | {"method": METHODS[head["choice"]["method"]]})
     of_inputs, of_state = model.rooms  # compiled code would read beyond arrays that are too short

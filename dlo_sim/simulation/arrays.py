@@ -127,21 +127,26 @@ def to_blocks(values: Array, beyond: float = 0.0) -> Array:
 
 
 def resampled(
-    groups: Array, pieces: tuple[int, int], counts: tuple[int, int], extras: int = 0
+    groups: Array,
+    pieces: tuple[int, int],
+    counts: tuple[int, int],
+    extras: tuple[int, int] = (0, 0),
 ) -> Array:
     """Values of samples, shape (groups, ..., LANES), with `pieces` groups of a span, of each of two
     sets, for `counts` groups of a span: each is that of the nearest sample, or 0 where there was
-    none. Those of the `extras` between the two stay.
+    none. Those of the `extras` between the two stay if their number does, else they are 0.
     """
-    if pieces == counts:
+    before, now = extras
+    if pieces == counts and before == now:
         return groups
-    inner, spans = groups.shape[1:-1], (len(groups) - extras) // sum(pieces)
+    inner, spans = groups.shape[1:-1], (len(groups) - before) // sum(pieces)
     parts: list[Array] = []
     at = 0
     for few, count in zip(pieces, counts, strict=True):
         if parts:
-            parts.append(groups[at : at + extras])
-            at += extras
+            kept = groups[at : at + before]
+            parts.append(kept if before == now else np.zeros((now, *kept.shape[1:])))
+            at += before
         by_span = groups[at : at + spans * few].reshape(spans, few, *inner, LANES)
         by_span = np.moveaxis(by_span, -1, 2).reshape(spans, few * LANES, *inner)
         at += spans * few

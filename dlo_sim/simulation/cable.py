@@ -101,7 +101,7 @@ class Cable:
         anew = time is not None
         known = {one.name if anew else one: k for k, one in enumerate(other.model.obstacles)}
         there, here = ((one.pieces, one.guide_pieces) for one in (theirs.contact, group))
-        pieces = there, here, theirs.contact.extras
+        pieces = there, here, (theirs.contact.extras, group.extras)
         same = np.array_equal(self.model.knots, other.model.knots)
         names = ["bristle", "slides", *["overlap"] * (not anew)]
         if anew and self.model.axes == other.model.axes:

@@ -198,7 +198,7 @@ def holding_of(
             point, xi = holding.hold(replace(spot, twist=True)), -1.0 if name == "start" else 1.0
             holding.rows.append(Row(point, grasp, len(axes), xi=xi))
         holding.springs += _springs(holding, spot, grasp, holder.spring, axes)
-        if not is_end:
+        if fixed and not is_end:
             _check_independent(holding, name, geometry.u, n, scene)
         if holder.holds_direction:
             place, slope = _between(knots, geometry.u)

@@ -279,14 +279,15 @@ def problem_of(triangles: Array) -> str:
         return "has no triangles; export the body again"
     if not np.isfinite(triangles).all():
         return "has a corner that is not finite; export the body again"
-    points = triangles.reshape(-1, 3)
-    extent = float(np.ptp(points, axis=0).max())
+    low, high = box_of(triangles)
+    sides = high - low
+    extent = float(sides.max())
     if SAME * extent < np.finfo(float).tiny:
         return "has no extent; export the body again"
     # Corners, edges and faces as whole numbers, of which np.unique is fast.
-    place = np.rint((points - points.min(axis=0)) / (SAME * extent)).astype(np.int64)  # < 2^20
-    number = _numbered((place[:, 0] << 40) + (place[:, 1] << 20) + place[:, 2]).reshape(-1, 3)
-    count = len(points)
+    x, y, z = np.rint((_columns(triangles) - low[:, None]) / (SAME * extent)).astype(np.int64)
+    number = _numbered((x << 40) + (y << 20) + z).reshape(-1, 3)  # each < 2^20
+    count = number.size
     ends = np.sort(number[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     edges, uses = np.unique(ends[:, 0] * count + ends[:, 1], return_counts=True)
     open_ = (uses % 2 == 1) & (edges // count != edges % count)
@@ -295,17 +296,28 @@ def problem_of(triangles: Array) -> str:
             f"is not closed: {int(open_.sum())} of {len(edges)} edges have triangles on one side "
             "only; close its holes in the program that made it, or take its convex hull"
         )
-    if float(np.ptp(points, axis=0).min()) < SAME * extent:
+    if float(sides.min()) < SAME * extent:
         return "is flat; a sheet needs a thickness"
     faces = np.sort(number, axis=1)
-    faces = faces[(np.diff(faces, axis=1) > 0).all(axis=1)]
-    sides = _numbered(faces[:, 0] * count + faces[:, 1])
-    if 2 * len(np.unique(sides * count + faces[:, 2])) <= len(faces):
+    faces = faces[(faces[:, 0] < faces[:, 1]) & (faces[:, 1] < faces[:, 2])]
+    first = _numbered(faces[:, 0] * count + faces[:, 1])
+    if 2 * len(np.unique(first * count + faces[:, 2])) <= len(faces):
         return (
             "has every triangle twice, as where both sides of faces are exported, so that nothing "
             "tells what is inside; remove one of each in the program that made it"
         )
     return ""
+
+
+def box_of(triangles: Array) -> tuple[Array, Array]:
+    """Lowest and highest x, y, z of triangles (k, 3, 3) or points (k, 3), (3,) each."""
+    columns = _columns(triangles)
+    return columns.min(axis=1), columns.max(axis=1)
+
+
+def _columns(triangles: Array) -> Array:
+    """Their x, y and z, shape (3, 3 k), of which numpy is 30 times faster than of short rows."""
+    return np.ascontiguousarray(triangles.reshape(-1, 3).T)
 
 
 def chosen_cells(sides: Array, radius: float) -> int:
@@ -345,8 +357,7 @@ class Grid:
     """
 
     def __init__(self, triangles: Array, cells: int, radius: float) -> None:
-        points = triangles.reshape(-1, 3)
-        low, high = points.min(axis=0), points.max(axis=0)
+        low, high = box_of(triangles)
         extent = float((high - low).max())
         if extent < CRUMB * 2.0 * radius:
             raise ValueError(

@@ -266,3 +266,37 @@ def test_rclpy_reads_the_message_that_the_bag_library_reads(kind, frame):
 def cdr_of(raw, kind):
     """The bytes that the bag library makes of this message."""
     return bytes(STORE.serialize_cdr(STORE.deserialize_cdr(raw, kind), kind))
+
+
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_markers_are_read_as_rosbags_writes_them(little_endian):
+    """Every field that may be of any length is of another one in each marker."""
+    rng = np.random.default_rng(7)
+    made = []
+    for n in range(12):
+        lengths = rng.integers(0, 9, 10)
+        letters = ["é" * k for k in lengths[:6]]
+        one = cdr.new(cdr.MARKER, ns=letters[0], id=-n, type=n, action=n, text=letters[1])
+        one.header.frame_id, one.mesh_resource = letters[2], letters[3]
+        one.texture_resource, one.texture.format = letters[4], letters[5]
+        one.texture.header.frame_id = one.mesh_file.filename = letters[0]
+        one.header.stamp.sec, one.header.stamp.nanosec = 5, n
+        one.pose.position.y, one.pose.orientation.w, one.scale.z = rng.normal(size=3)
+        one.lifetime.sec, one.lifetime.nanosec = -n, 5
+        one.points = [cdr.new("geometry_msgs/msg/Point", z=z) for z in rng.normal(size=lengths[6])]
+        one.colors = [cdr.new("std_msgs/msg/ColorRGBA")] * int(lengths[7])
+        one.uv_coordinates = [cdr.new("visualization_msgs/msg/UVCoordinate")] * int(lengths[8])
+        one.texture.data = one.mesh_file.data = np.zeros(lengths[9], np.uint8)
+        made.append(one)
+    array = cdr.new(cdr.MARKER_ARRAY, markers=made)
+    raw = bytes(STORE.serialize_cdr(array, cdr.MARKER_ARRAY, little_endian=little_endian))
+    stamp_ns, frame_id, found = cdr.decode(cdr.MARKER_ARRAY, raw)
+    assert (stamp_ns, frame_id, len(found)) == (5 * 10**9, made[0].header.frame_id, 12)
+    for n, (marker, one) in enumerate(zip(found, made, strict=True)):
+        assert marker[:4] == (one.header.frame_id, f"{one.ns}/{-n}", n, n)
+        assert [*marker.pose, *marker.scale] == [*numbers(one.pose), *numbers(one.scale)]
+        assert marker.lifetime_ns == -n * 10**9 + 5
+        assert marker.points.tolist() == [numbers(point) for point in one.points]
+    for size in range(len(raw) - 8):
+        with pytest.raises(cdr.DecodeError):
+            cdr.decode(cdr.MARKER_ARRAY, raw[:size])

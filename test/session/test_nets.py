@@ -143,6 +143,29 @@ def test_a_branch_is_stiffened_while_it_moves():
     assert not session.journal.events
 
 
+@pytest.mark.parametrize("key", ["branches.a.at", "connectors.plug.at"])
+def test_no_joint_moves_along_a_cable_that_runs(key):
+    """Joined elsewhere, the present shape would be torn: no step converged."""
+    session = Session(harness())
+    feed(session, end=0.1)
+    with pytest.raises(ValueError, match=f"^{key}: cannot change while the session runs; restart"):
+        session.reconfigure(session.scene.with_values({key: 0.55}))
+
+
+def test_a_plug_gets_another_shape_while_it_moves():
+    """Also one that touches in more or fewer places; friction that held it ends."""
+    wall = {"obstacles.names": ["wall"], "obstacles.wall.position": [0.0, 0.0, -9.0]}
+    size = {"connectors.plug.shape": "box", "connectors.plug.size": [0.04, 0.03, 0.02]}
+    session = Session(harness(**wall, **size))
+    feed(session, end=0.1)
+    before = session.simulator.control_points
+    for shape in ("sphere", "capsule", "box"):
+        session.reconfigure(session.scene.with_values({"connectors.plug.shape": shape}))
+        np.testing.assert_allclose(session.simulator.control_points, before, atol=1e-9)
+    feed(session, 0.1, 0.2)
+    assert not session.journal.events
+
+
 def test_saved_state_goes_on_bit_for_bit(tmp_path):
     first = Session(harness())
     feed(first, end=0.3)

@@ -288,6 +288,30 @@ def test_a_state_keeps_added_obstacles(beside, tmp_path):
     assert load_state(tmp_path / "state", beside.scene)[0].scene.added == beside.scene.added
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"shape": "x"},
+        {"friction": 2.0**70},
+        {"size": [0.1, -1.0, 0.1]},
+        {"name": "start"},
+        {"name": 0},
+    ],
+)
+def test_added_obstacles_of_a_state_are_checked(beside, tmp_path, changes):
+    """As those that are added to a cable that runs."""
+    path = tmp_path / "state"
+    save_state(path, beside.snapshot())
+    with np.load(path) as file:
+        parts = dict(file)
+    head = json.loads(str(parts["head"]))
+    head["added"][0] |= changes
+    with path.open("wb") as stream:
+        np.savez(stream, **parts | {"head": np.array(json.dumps(head))})
+    with pytest.raises(SceneError, match="state.save_to: .* is no saved state, or a damaged one"):
+        load_state(path, beside.scene)
+
+
 @pytest.mark.parametrize("damage", ["count", "number", "height"])
 def test_a_state_that_names_what_is_not_there_is_refused(beside, damage):
     """Compiled code would read beyond its arrays."""

@@ -163,6 +163,18 @@ def test_a_spring_pulls_towards_its_gripper():
     assert np.linalg.norm(away) > 1e-4
 
 
+def test_a_spring_alone_may_hold_the_cable():
+    """By which it hangs in the end: weight = stiffness times what it gives."""
+    free = {"end.fixed": [False] * 3, "start.fixed": [False] * 3, "start.spring": [0.0] * 3}
+    soft = {"grasps.hand.fixed": [False] * 3, "grasps.hand.spring": [50.0] * 3}
+    sim = held(**free, **soft, **{"damping.mass": 20.0, "initial.shape": "straight"})
+    sim.advance(2.0)
+    cable = sim.scene.cable
+    assert sim.reaction("hand")[0][2] == pytest.approx(
+        9.81 * cable.mu * cable.length, rel=0.05
+    )  # it still sways
+
+
 def test_snapshots_and_reconfiguration_keep_what_is_held():
     sim = held()
     saved = sim.snapshot()
