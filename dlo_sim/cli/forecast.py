@@ -72,8 +72,8 @@ def run(options: argparse.Namespace) -> int:
             simulator = Simulator(scene, begin)
             found = simulator.forecast(plan, options.every)
             if scene.estimates_errors and len(found.times):
-                places, needed = found.lines(scene), found.control_points_needed
-                error, advice = error_along(simulator, places, along, needed)
+                needed = found.control_points_needed, found.contact_stiffness_needed
+                error, advice = error_along(simulator, found.lines(scene), along, *needed)
                 accuracy = {"error_estimate": error.numbers, "advice": advice}
         except (PlanError, ValueError) as refusal:
             raise CommandError(str(refusal)) from None

@@ -169,11 +169,12 @@ class ErrorEstimate:
 
     def advice(self, error: DiscretizationError) -> str:
         """An error that exceeds accuracy.target, and what cures it, one line; else empty."""
-        simulator, needed = self.simulator, 0
+        simulator, needed, stiffness = self.simulator, 0, 0.0
         if error.total > simulator.scene.accuracy.target:  # contacts take long to compute
             needed = simulator.control_points_needed
+            stiffness = simulator.contact_stiffness_needed
         given = simulator.scene, simulator.method, simulator.step, self.order
-        return advice(*given, error, needed)
+        return advice(*given, error, needed, stiffness)
 
     def end(self) -> None:
         """Follow the simulator no longer."""
@@ -222,7 +223,11 @@ class ErrorEstimate:
 
 
 def error_along(
-    simulator: Simulator, places: Array, predicted: Callable[[Scene], Array], needed: int = 0
+    simulator: Simulator,
+    places: Array,
+    predicted: Callable[[Scene], Array],
+    needed: int = 0,
+    stiffness: float = 0.0,
 ) -> tuple[DiscretizationError, str]:
     """Error of a prediction that finer simulators of the same kind can repeat, and the advice.
 
@@ -230,7 +235,7 @@ def error_along(
         simulator: that predicted; its method is implicit.
         places: predicted places [m], shape (T, K, 3).
         predicted: makes the same prediction with another scene; shorter if it failed.
-        needed: as for `advice`.
+        needed, stiffness: as for `advice`.
     """
     found, unknown = {"time": 0.0, "space": 0.0}, ""
     for part in PARTS:
@@ -246,7 +251,7 @@ def error_along(
             unknown = unknown or f"no finer run to compare with: {refusal}"
     error, order = DiscretizationError(**found, unknown=unknown), _order_in_time(simulator)
     given = simulator.scene, simulator.method, simulator.step, order
-    return error, advice(*given, error, needed)
+    return error, advice(*given, error, needed, stiffness)
 
 
 class _Companion:
@@ -430,7 +435,13 @@ def _space_order(scene: Scene) -> int:
 
 
 def advice(
-    scene: Scene, method: str, step: float, order: int, error: DiscretizationError, needed: int = 0
+    scene: Scene,
+    method: str,
+    step: float,
+    order: int,
+    error: DiscretizationError,
+    needed: int = 0,
+    stiffness: float = 0.0,
 ) -> str:
     """An estimated error that exceeds the target, and settings that would do, one line; else empty.
 
@@ -439,6 +450,7 @@ def advice(
         order: of convergence in time.
         needed: control points below which the error does not follow that order yet, since the cable
             bends within a knot span (`Simulator.control_points_needed`); 0 if there are enough.
+        stiffness: of contact (`Simulator.contact_stiffness_needed`); 0 if it is stiff enough.
     """
     target = scene.accuracy.target
     if error.unknown:
@@ -461,6 +473,8 @@ def advice(
     if error.time > allowed:
         shorter = step / (error.time / allowed) ** (1.0 / order)
         cures.append(f"lower integrator.step to {_rounded_down(shorter):g} s")
+    if stiffness:
+        cures.append(f"raise contact.stiffness to {stiffness:.2g}")
     if error.time < error.space:
         cures[0] += "; discretization.stretch: span may do as well, since the cable is thin" * (
             _locks(scene) and len(cures) == 1

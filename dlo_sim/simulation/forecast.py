@@ -50,6 +50,8 @@ class Forecast:
         warnings: `Simulator.warnings` at the end of it; among them whether the cable passed through
             itself at one of the shapes, or was bent at one too sharply for its knot spans.
         control_points_needed: number that follows such bends; 0 if the present one does.
+        contact_stiffness_needed: [N/m^2] with which the cable would not have been pressed in too
+            deep; 0 if it was not.
         net: of a net, what `Recorder.net` says of the other cables and of connectors.
     """
 
@@ -63,6 +65,7 @@ class Forecast:
     obstacles: dict[str, Array] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     control_points_needed: int = 0
+    contact_stiffness_needed: float = 0.0
     net: dict[str, Array] = field(default_factory=dict)
 
     def cables(self, scene: Scene) -> Iterator[Shapes]:

@@ -50,7 +50,9 @@ DEPTH = 1e-3  # penetration of a cable into an obstacle under its weight on eart
 PULLED_DEPTH = 0.02  # of a cable that is drawn round an obstacle
 LANDING, LANDED_DEPTH = 2.0, 0.02  # [m/s], as after a fall by 0.2 m; in diameters
 TIP = 40.0  # stiffness of contact at the tip, in that of the cable along itself
-USUAL = 0.2, 50.0  # tension as usual: largest strain, force [N]
+# Tension as usual: largest strain, force [N]; whether grippers pull the cable taut round something
+# round. A band between them is stretched to four times its length.
+USUAL = {False: (0.2, 50.0), True: (3.0, 100.0)}
 # Penetration by the mass on a body alone of a cable thrown at inputs.max_speed, in half the
 # thickness of the body. What flies on beside a small body pulls it in more than twice as deep.
 THROWN_DEPTH = 0.2
@@ -199,7 +201,8 @@ def stiffness(scene: Scene, obstacle: Obstacle) -> float:
     """Contact force per length of cable and penetration [N/m^2]: as given, or the largest of
     mu g / (DEPTH D): its weight on earth presses the cable in by DEPTH diameters;
     T / (R PULLED_DEPTH D): the tension T that follows from the scene or is usual does so by
-        PULLED_DEPTH diameters, round an edge or a body with the radius R;
+        PULLED_DEPTH diameters, round an edge or a body with the radius R; per rest length, a cable
+        that is stretched by grippers is pressed by as much more;
     mu (v / (LANDED_DEPTH D))^2: landing at v = LANDING it gives way by LANDED_DEPTH diameters;
     TIP EA / (L r), but of rings and channels: its round tip, of the radius r, gives way by at most
         1 / TIP of what the cable gives way along itself;
@@ -215,12 +218,26 @@ def stiffness(scene: Scene, obstacle: Obstacle) -> float:
     if obstacle.shape == "plane":
         return max(laid, landed, pushed)
     _, half, reach = core_of(obstacle, radius)
-    usual = min(USUAL[0] * cable.EA, USUAL[1])  # as grippers draw a cable
+    taut = held_twice(scene) and obstacle.shape not in EDGED
+    usual = usual_pull(scene, taut)
+    usual *= 1.0 + taut * usual / cable.EA
     pulled = max(cable.mu * EARTH * cable.length, declared_tension(scene), usual)
     bend = max(bend_radius(scene, obstacle), cable.diameter)
     drawn = pulled / (bend * PULLED_DEPTH * cable.diameter)
     thrown = cable.mu * (scene.inputs.max_speed / (THROWN_DEPTH * (min(half) + reach))) ** 2
     return max(laid, landed, pushed, drawn, thrown)
+
+
+def held_twice(scene: Scene) -> bool:
+    """Whether grippers may hold the cable at two places, and so can pull it taut."""
+    held = [any(end.fixed) or any(end.spring) for end in scene.ends.values()]
+    return sum(held) + len(scene.grasps) > 1
+
+
+def usual_pull(scene: Scene, taut: bool) -> float:
+    """Tension [N] with which grippers draw a cable; taut: two of them, against each other."""
+    strain, force = USUAL[taut]
+    return min(strain * scene.cable.EA, force)
 
 
 def declared_tension(scene: Scene) -> float:
@@ -526,9 +543,18 @@ def depth_warning(scene: Scene, count: float) -> str:
     )
 
 
-def press_warning(name: str, found: Contact, scene: Scene, finer: str) -> str:
+def stiffness_needed(found: Contact, diameter: float) -> float:
+    """Contact stiffness [N/m^2] with which an obstacle would not have pressed the cable in too deep
+    in the run; 0 if it did not.
+    """
+    if found.deepest <= TOO_DEEP * diameter:
+        return 0.0
+    return found.stiffness * found.deepest / (0.5 * TOO_DEEP * diameter)
+
+
+def press_warning(name: str, found: Contact, scene: Scene, cure: str) -> str:
     """One line if the cable is deep in an obstacle that presses it, or was in the run, else empty.
-    finer: what gives the control points that are needed as well; empty if there are enough.
+    cure: what to change (`remarks.cure`); empty if nothing helps but room.
     """
     diameter = scene.cable.diameter
     deepest, what = -found.clearance if len(found.u) else 0.0, "is"
@@ -536,11 +562,7 @@ def press_warning(name: str, found: Contact, scene: Scene, finer: str) -> str:
         deepest, what = found.deepest, "was"
         if deepest <= TOO_DEEP * diameter:
             return ""
-    cures = [finer] if finer else []
-    if found.deepest > TOO_DEEP * diameter:
-        stiff = found.stiffness * found.deepest / (0.5 * TOO_DEEP * diameter)
-        cures.insert(0, f"raise contact.stiffness to {stiff:.2g}")
-    cure = ", or ".join(filter(None, ("give it room", " and ".join(cures))))
+    cure = ", or ".join(filter(None, ("give it room", cure)))
     return (
         f"obstacles.{name}: the cable {what} pressed {deepest:.3g} m into it, "
         f"{deepest / diameter:.0%} of its diameter; {cure}"

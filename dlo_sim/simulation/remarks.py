@@ -96,9 +96,9 @@ def warnings(sim: Running, found: Mapping[str, obstacles.Contact]) -> tuple[str,
     bodies = {name: one for name, one in found.items() if name != obstacles.ITSELF}
     bends = _bends_with(sim, cable, found)
     needed = max((one.needed for one in bends.values()), default=0)
-    finer = raised(scene, needed, sim.choice.method.family == IMPLICIT) if needed else ""
+    settings = cure(sim, needed, stiffness_needed(sim, found))
     pressed = {
-        name: obstacles.press_warning(name, one, scene, finer) for name, one in bodies.items()
+        name: obstacles.press_warning(name, one, scene, settings) for name, one in bodies.items()
     }
     lines = (
         sim.noticed.unstable_first,
@@ -108,9 +108,9 @@ def warnings(sim: Running, found: Mapping[str, obstacles.Contact]) -> tuple[str,
         obstacles.depth_warning(scene, float(cable.account.contact_deep)),
         *(obstacles.overlap_warning(*key, *seen) for key, seen in sim.noticed.overlaps.items()),
         *pressed.values(),
-        *(one.warning(name, finer) for name, one in bends.items() if not pressed.get(name)),
+        *(one.warning(name, settings) for name, one in bends.items() if not pressed.get(name)),
         sim.noticed.watch.warning,
-        *self_contact.warnings(cable, itself, finer),
+        *self_contact.warnings(cable, itself, settings),
     )
     return (*sim.needs.warnings, *filter(None, lines))
 
@@ -139,6 +139,29 @@ def points_needed(sim: Running, found: Mapping[str, obstacles.Contact]) -> int:
     """`Simulator.control_points_needed` with what touches now."""
     bends = _bends_with(sim, sim.cable, found)
     return max((one.needed for one in bends.values()), default=0)
+
+
+def stiffness_needed(sim: Running, found: Mapping[str, obstacles.Contact]) -> float:
+    """`Simulator.contact_stiffness_needed` with what touches now.
+
+    The key holds for all obstacles and the cable itself, so that it is no softer than what was
+    chosen for any of them.
+    """
+    bodies = [one for name, one in found.items() if name != obstacles.ITSELF]
+    diameter = sim.scene.cable.diameter
+    needed = self_contact.stiffness_needed(sim.cable) if obstacles.ITSELF in found else 0.0
+    needed = max([needed, *(obstacles.stiffness_needed(one, diameter) for one in bodies)])
+    return max([needed, *(one.stiffness for one in found.values())]) if needed else 0.0
+
+
+def cure(sim: Running, points: int, stiffness: float) -> str:
+    """The one set of settings with which the cable follows its bends and is not pressed in too
+    deep, in words; empty if the present ones do.
+    """
+    stiffer = f"raise contact.stiffness to {stiffness:.2g}" if stiffness else ""
+    implicit = sim.choice.method.family == IMPLICIT
+    finer = raised(sim.scene, points, implicit) if points else ""
+    return " and ".join(filter(None, (stiffer, finer)))
 
 
 def open_balance(sim: Running) -> str:

@@ -17,12 +17,12 @@ holds the direction as a clamp does: the friction of half a turn round a cylinde
 1.5 % (coefficients up to 1), and the tensions on both sides of a guide without friction are equal
 to 2 to 5 %. Edges alone do not ask for more than MOST_FOR_EDGES control points.
 
-A cable that is held at two places can be pulled taut through a ring, a channel or a knot: lambda is
-there that of the strain obstacles.TAUT, if the tension known from the scene is smaller. How hard
-grippers pull it round other obstacles is not known before the run. Where a cable is found to bend
-by more than SHARP within a span that is TOO_LONG times what the tension found there asks for,
-`shortfalls` tells how many control points are enough. Spans that are too long exaggerate the
-tension, so that a run with this number asks for no more.
+A cable that is held at two places can be pulled taut through a ring, a channel or a knot, and round
+a peg: lambda is there that of the pull obstacles.USUAL, or of the strain obstacles.TAUT, if the
+tension known from the scene is smaller. How hard grippers pull it over edges is not known before
+the run. Where a cable is found to bend by more than SHARP within a span that is TOO_LONG times what
+the tension found there asks for, `shortfalls` tells how many control points are enough. Spans that
+are too long exaggerate the tension, so that a run with this number asks for no more.
 
 Errors of the position [m] found with knot spans of length h:
 
@@ -51,12 +51,13 @@ from dlo_sim.scene.description import PARAMETERS, Obstacle, Scene
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.obstacles import (
     EDGED,
-    GUIDES,
     ITSELF,
     TAUT,
     Contact,
     bend_radius,
     beyond_reach,
+    held_twice,
+    usual_pull,
 )
 from dlo_sim.simulation.selection import method_of
 
@@ -194,7 +195,8 @@ def _wanted_spans(scene: Scene) -> _Spans:
     bend = math.inf if bending else 0.0
     if tension:
         bend = math.sqrt(bending / tension)
-    taut = math.sqrt(bending / (TAUT * cable.EA)) if sum(held) + len(scene.grasps) > 1 else math.inf
+    pull = max(TAUT * cable.EA, usual_pull(scene, taut=True))
+    taut = math.sqrt(bending / pull) if held_twice(scene) else math.inf
     middle, around = min([(middle, ""), *_round_spans(scene, bend, min(bend, taut))])
     if not (tension and bending):
         return _Spans(math.inf, middle, 1.0, around)
@@ -210,7 +212,7 @@ def _round_spans(scene: Scene, bend: float, taut: float) -> list[tuple[float, st
 
     Args:
         bend: length over which the tension bends the cable [m]. taut: the same where it may be
-            pulled through a guide or a knot [m].
+            pulled taut, round all but edges [m].
     """
     found = []
     if scene.touches_itself:
@@ -220,7 +222,7 @@ def _round_spans(scene: Scene, bend: float, taut: float) -> list[tuple[float, st
     least = scene.cable.length / (MOST_FOR_EDGES - bspline.DEGREE)
     for one in scene.bodies:
         if one.shape != "plane" and not beyond_reach(scene, one):
-            span = _span_round(scene, one, taut if one.shape in GUIDES else bend)
+            span = _span_round(scene, one, bend if one.shape in EDGED else taut)
             found.append((max(span, least * (one.shape in EDGED)), f"obstacles.{one.name}"))
     return found
 

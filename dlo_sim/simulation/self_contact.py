@@ -15,7 +15,7 @@ from dlo_sim.core import bspline
 from dlo_sim.core.bspline import ACTIVE
 from dlo_sim.engine.arrays import CONTACT, SELF
 from dlo_sim.engine.contact import RETURN
-from dlo_sim.engine.self_contact import LONGEST
+from dlo_sim.engine.self_contact import LONGEST, STIFFNESS
 from dlo_sim.scene.description import EARTH, Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.arrays import to_blocks
@@ -311,12 +311,23 @@ class Watch:
         )
 
 
-def warnings(cable: Cable, found: Contact | None, finer: str) -> Iterator[str]:
+def stiffness_needed(cable: Cable) -> float:
+    """Contact stiffness [N/m^2] with which strands would not be pressed too deep into each other; 0
+    if they are not.
+    """
+    chain, pressure = cable.arrays.chain, cable.pressed_strands or 0.0
+    deepest = PRESSED * 2.0 * float(chain.radius[chain.radius > 0.0].min(initial=math.inf))
+    if pressure <= deepest * float(chain.law[STIFFNESS]):
+        return 0.0
+    return pressure / (0.5 * deepest)
+
+
+def warnings(cable: Cable, found: Contact | None, cure: str) -> Iterator[str]:
     """Lines about what the contact of a cable with itself cannot bear.
 
     Args:
-        found: what touches now, None if it does not touch itself. finer: what gives the control
-            points that bends need; empty if there are enough.
+        found: what touches now, None if it does not touch itself. cure: what to change where
+            strands are pressed too deep (`remarks.cure`).
     """
     if found is None:
         return
@@ -351,9 +362,7 @@ def warnings(cable: Cable, found: Contact | None, finer: str) -> Iterator[str]:
     if deep > PRESSED * diameter:
         yield (
             f"contact.self_contact: strands are pressed {deep:.2g} m into each other, "
-            f"{deep / diameter:.1%} of the diameter, by up to {found.pressure:.3g} N/m; raise "
-            f"contact.stiffness to {found.pressure / (0.5 * PRESSED * diameter):.2g}"
-            + (f" and {finer}" if finer else "")
+            f"{deep / diameter:.1%} of the diameter, by up to {found.pressure:.3g} N/m; {cure}"
         )
 
 
@@ -416,5 +425,6 @@ def _with_itself(cable: Cable, tension: Callable[[Array], Array] | None) -> Cont
         forces=forces,
         passes=np.zeros(0),
         tensions=tensions_beside(model.knots, u[strands == 0], tension),
+        stiffness=float(cable.arrays.chain.law[STIFFNESS]),
         strands=strands,
     )

@@ -170,6 +170,13 @@ class Simulator(Running):
         return remarks.points_needed(self, self.contacts)
 
     @property
+    def contact_stiffness_needed(self) -> float:
+        """The `contact.stiffness` [N/m^2] with which the cable would not have been pressed too deep
+        into what it touched; 0 if it was not.
+        """
+        return remarks.stiffness_needed(self, self.contacts)
+
+    @property
     def clearance_to_itself(self) -> float:
         """Smallest gap [m] between strands of the cable, negative where they overlap; infinite if
         it is nearly straight.
@@ -370,7 +377,8 @@ class Simulator(Running):
         report, recorder = future.record_along(now + times, poses, at)
         count, shapes = recorder.count, recorder.along()
         drawn = remarks.look_back(future, recorder, samples[:count])
-        told = future.warnings, future.control_points_needed
+        needed = future.control_points_needed, future.contact_stiffness_needed
+        told = future.warnings, *needed
         return Forecast(samples[:count], *shapes, report, drawn, *told, recorder.net())
 
     # -- loads, end effectors and obstacles -------------------------------------------------------

@@ -134,15 +134,20 @@ def test_round_obstacles_within_reach_bound_the_spans():
 
 
 def test_what_grippers_can_pull_taut_bounds_the_spans():
-    """Of a knot and through a ring, to a strain of 0.1 %, if the cable is held at two places: it
-    bends over sqrt(EI / (EA / 1000)) = 15.8 mm then. The weight alone pulls less.
+    """Of a knot, through a ring and round a peg, with 100 N or to a strain of 0.1 %, if the cable
+    is held at two places: it bends over sqrt(EI / (EA / 1000)) = 15.8 mm then. The weight alone
+    pulls less.
     """
-    loose = {"cable.axial_stiffness": 4e3, "cable.bending_stiffness": 1e-3}
+    loose = {"cable.axial_stiffness": 2e5, "cable.bending_stiffness": 0.05}
     loose |= {"loads.pull.force": [0.0, 0.0, 0.0]}
     held = loose | {"end.fixed": [True] * 3}
     ring = {"obstacles.peg.shape": "ring", "obstacles.peg.size": [0.02, 0.004, 0.0]}
     itself = {"contact.self_contact": "on"}
-    assert number_of(drawn_round(0.002, **held)) == 19
+    assert number_of(drawn_round(0.002, **held)) == 51
+    edge = {"obstacles.peg.shape": "box", "obstacles.peg.size": [0.004, 0.004, 0.3]}
+    assert number_of(drawn_round(0.002, **held | edge)) == 19
+    lifted = {"cable.axial_stiffness": 2e4, "cable.bending_stiffness": 0.025}
+    assert number_of(drawn_round(0.002, **held | lifted)) == 51, "by the force"
     scene, why = resolved(drawn_round(0.002, **held | ring))
     assert scene.discretization.control_points == 48 + 3
     assert why == "51 control points: spans of 12 mm for the bend round obstacles.peg"

@@ -68,15 +68,15 @@ def round_the_guide():
     return Plan(times, {"end": poses(np.vstack([arc, down]))})
 
 
-def past_the_peg():
-    """Both ends go by 0.12 m along y within 0.24 s and rest there."""
+def past_the_peg(farther=1.0):
+    """Both ends go by 0.12 m along y within 0.24 s, or farther and as fast, and rest there."""
     s = np.linspace(0.0, 1.0, 41)
-    way = np.append(0.12 * s, 0.12)
+    way = 0.12 * farther * np.append(s, 1.0)
     paths = {
         name: poses(np.stack([0.0 * way + x, way, 0.0 * way + 0.015], axis=1))
         for name, x in (("start", -0.05), ("end", 0.05))
     }
-    return Plan(np.append(0.24 * s, 0.74), paths)
+    return Plan(farther * np.append(0.24 * s, 0.74), paths)
 
 
 def ripple(found):
@@ -100,8 +100,8 @@ def cures(lines):
 @pytest.mark.parametrize(
     ("values", "points", "within"),
     [
-        (RING, 250, 0.04),
-        (CHANNEL, 250, 0.04),
+        (RING, 250, 0.05),
+        (CHANNEL, 250, 0.05),
         (STIFF | RING, 48, 0.03),
         (STIFF | CHANNEL, 93, 0.05),
     ],
@@ -119,6 +119,7 @@ def test_without_friction_the_tension_is_the_same_on_both_sides(values, points, 
     assert found.peak_tension > 10.0
     assert ripple(found) < within
     assert found.control_points_needed == 0
+    assert points < 250 or found.warnings == ()
 
 
 def test_a_channel_that_long_spans_cannot_follow_is_told():
@@ -157,22 +158,63 @@ def test_spans_too_long_for_a_ring_are_told_with_the_number_that_does():
     )
     assert f"raise discretization.control_points to {needed}" in advice
     cured = Simulator(scene.with_values({POINTS: needed})).forecast(plan)
-    assert ripple(cured) < 0.04
+    assert ripple(cured) < 0.05
     assert cured.control_points_needed == 0
     assert POINTS not in "".join(cured.warnings)
 
 
+def hindmost(found):
+    """Smallest y of a band at the end of its forecast [m]."""
+    knots = bspline.clamped_knots(found.control_points.shape[1], 0.1)
+    return bspline.evaluate(found.control_points[-1], knots, np.linspace(0.04, 0.06, 101))[
+        :, 1
+    ].min()
+
+
+def test_a_band_stays_behind_its_peg():
+    """With what is chosen, though stretched to 1.5 times its length, and to 2.3 times."""
+    for way in (0.6, 1.0):
+        found = Simulator(load_scene(BAND)).forecast(past_the_peg(way))
+        assert found.report.status.ok
+        assert found.warnings == ()
+        assert hindmost(found) == pytest.approx(BEHIND_PEG, abs=0.05 * 0.002)
+
+
 def test_the_settings_that_a_band_is_told_keep_it_behind_its_peg():
-    """All of them together, once: control points for the tension that the grippers brought."""
-    scene, plan = load_scene(BAND), past_the_peg()
+    """One set, the same in each line, that of the estimate included."""
+    scene, plan = load_scene(BAND | {POINTS: 13, STIFFNESS: 8.6e6}), past_the_peg()
     begin = Simulator(scene)
     assert not begin.warnings
     first = begin.forecast(plan)
     settings = cures("".join(first.warnings))
     assert settings[POINTS] == first.control_points_needed == 39
+    assert settings[STIFFNESS] == pytest.approx(first.contact_stiffness_needed, rel=0.05)
+
+    def along(finer):
+        return Simulator(finer).forecast(plan).centerline
+
+    needed = first.control_points_needed, first.contact_stiffness_needed
+    _, advice = error_along(begin, first.centerline, along, *needed)
+    assert cures(advice)[STIFFNESS] == settings[STIFFNESS]
+    settings[POINTS] = max(settings[POINTS], cures(advice)[POINTS])
     cured = Simulator(scene.with_values(settings)).forecast(plan)
     assert cured.report.status.ok
     assert not cured.warnings
-    knots = bspline.clamped_knots(settings[POINTS], 0.1)
-    line = bspline.evaluate(cured.control_points[-1], knots, np.linspace(0.04, 0.06, 101))
-    assert line[:, 1].min() == pytest.approx(BEHIND_PEG, abs=0.1 * 0.002)
+    assert hindmost(cured) == pytest.approx(BEHIND_PEG, abs=0.05 * 0.002)
+
+
+def test_the_stiffness_that_is_told_softens_nothing():
+    """The key holds for all obstacles, and that of the smaller peg is larger than one that suffices
+    for the other, which alone presses too hard."""
+    thick = {"shape": "cylinder", "size": [0.02, 0.02, 0.03], "position": [0.0, 0.0, 0.0]}
+    values = {f"obstacles.thick.{key}": value for key, value in thick.items()}
+    scene = load_scene(BAND | values | {"obstacles.names": ["peg", "thick"]})
+    sim = Simulator(scene)
+    assert sim.contact_stiffness_needed == 0.0
+    found = sim.contacts
+    peg, deep = found["peg"].stiffness, found["thick"]._replace(deepest=1e-4)
+    assert deep.stiffness * 1e-4 / 2e-5 < 5.0 * peg
+    for depth in (4.1e-5, 1e-3):
+        pressed = found | {"thick": deep._replace(deepest=depth)}
+        wanted = max(peg, deep.stiffness * depth / 2e-5)
+        assert f"contact.stiffness to {wanted:.2g}" in "".join(sim.warnings_with(pressed))
