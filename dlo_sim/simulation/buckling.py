@@ -226,8 +226,9 @@ def _pattern(cable: Cable) -> Array:
         length = next(one.length for one in cable.model.parts if one.name == body.strand)
         share[body.points] = np.pi * body.u / length
     inertia = cable.model.mass(0)
+    waves, none = range(1, WAVES + 1), np.zeros(cable.model.n)
     fields = (
-        sum(np.sin(k * share + 0.7 * axis + 0.4) / k for k in range(1, WAVES + 1))
+        sum((np.sin(k * share + 0.7 * axis + 0.4) / k for k in waves), none)
         for axis in cable.model.axes
     )
     return np.stack([mass.multiply(inertia, field) for field in fields])
