@@ -72,9 +72,9 @@ SHORT = 0.1  # of the accurate step; below it the time error is below 1 % of acc
 THIN = 200.0
 SMALL = 0.25  # of the target: a part of the error below it can stay as it is
 # Of the length: error from which the finer runs have gone other ways, so that it does not follow
-# the powers of step and span. Of twelve swings and falls below it, the advised settings met the
-# target in seven and left 1.2 to 4.7 times it in four; errors of 1 to 4 lengths led to 1,081 points
-# where a difference of 1e-9 m grows to 1 mm in 3 s.
+# the powers of step and span. Of eleven swings and falls below it, the advised settings met the
+# target in seven and left 1.2 to 4.7 times it in four; an error of 3 lengths led to 1081 points
+# where a difference of 1e-9 m grows to 1 mm in 3.4 s.
 LOST = 0.5
 _SPARE = 1.2  # safety factor of the advice, so that the error ends up below the target
 # The same for where in its span a grasp is: errors with the grasp on a knot were 1.3 to 1.7 times
