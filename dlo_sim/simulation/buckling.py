@@ -16,6 +16,11 @@ Whether it is stable is asked as in the search for an equilibrium (`methods.rela
 twist that acts on the shape. Nothing is pushed where the stiffness does not tell: of a bent cable
 under moments, which are not conservative, it is not symmetric.
 
+Nets are looked at like cables that are bent in a plane. Their rigid bodies have points beside it,
+so that only those of the strands tell whether a net lies in a plane, and a mode is not kept from
+moving along the plane, since bodies that turn out of it do. So a net that is unstable only within
+its plane is pushed, too, which does not show.
+
 Under torsion a straight cable coils, with twist that acts on the shape; for other models of twist
 there is a warning.
 """
@@ -29,7 +34,7 @@ from numba import boolean, float64, int64
 from numpy.typing import NDArray
 
 from dlo_sim.compiling.kernels import ARRAY, ARRAY_2D, STRIDED, inline, kernel
-from dlo_sim.core import bspline, mass
+from dlo_sim.core import mass
 from dlo_sim.engine.arrays import ANY_STRETCH, BISHOP
 from dlo_sim.methods import between_steps, relax_step
 from dlo_sim.simulation.cable import Cable
@@ -38,6 +43,7 @@ Array = NDArray[np.float64]
 PLANE_LOOKS = 256  # looks at a straight cable per look at one that is bent in a plane
 BENT = 1e-3  # of the length, distance from line or plane beyond which none will be in it soon
 EXACT = 1e-9  # of the length, distance from line or plane that counts as none
+EXACT_NET = 1e-5  # the same of a net: bodies leave 4e-7, from the tolerance of Newton's method
 PUSH = 0.05  # of the accuracy asked for, or of BENT lengths: how far it goes before it grows
 SLOWEST = 0.25  # [1/s] growth that counts
 ROUNDING = 1e-13  # of the largest entry of K, eigenvalue that counts as none
@@ -46,12 +52,11 @@ WAVES = 6  # of the push along the cable
 
 def look_due(cable: Cable) -> int:
     """Every how many looks at a straight cable this one is looked at: 1 if it is nearly straight,
-    PLANE_LOOKS if it is nearly plane, 0 (never soon) otherwise.
+    PLANE_LOOKS if it is nearly plane or a net, 0 (never soon) otherwise.
     """
-    if cable.model.layout is not None:  # what nets do beside their plane is not known
-        return 0
     lying = len(_extent(cable, BENT))
-    return 1 if lying == 1 else PLANE_LOOKS if lying < len(cable.model.axes) else 0
+    straight = lying == 1 and cable.model.layout is None
+    return 1 if straight else PLANE_LOOKS if lying < len(cable.model.axes) else 0
 
 
 def release(cable: Cable) -> Array | None:
@@ -172,7 +177,8 @@ def lies_in(x: Array, lines: int, least: float, knots: Array, pressed: bool, fre
             if not abs(away) <= least:
                 return 0
             edge += within[0, a] * (x[a, i] - x[a, i - 1])
-        compressed = compressed or 3.0 * abs(edge) < (1.0 - 1e-12) * (knots[i + 3] - knots[i])
+        if not compressed:  # of a net there are no such knots
+            compressed = 3.0 * abs(edge) < (1.0 - 1e-12) * (knots[i + 3] - knots[i])
     return count if compressed else 0
 
 
@@ -180,7 +186,14 @@ def _extent(cable: Cable, tolerance: float) -> Array:
     """Directions in which a cable extends by more than a tolerance [of the length], rows."""
     dim, found = len(cable.model.axes), np.empty((3, 3))
     least = tolerance * float(cable.model.knots[-1])
-    return found[: extent(cable.x, dim, least, found), :dim]
+    return found[: extent(_lying(cable), dim, least, found), :dim]
+
+
+def _lying(cable: Cable) -> Array:
+    """Lines of the control points that lie in a plane with the cable: not those of bodies alone."""
+    if cable.model.layout is None:
+        return cable.x
+    return np.concatenate([cable.x[:, part.here] for part in cable.model.parts], axis=1)
 
 
 def _across(cable: Cable) -> Array | None:
@@ -194,10 +207,12 @@ def _across(cable: Cable) -> Array | None:
     free = np.empty((dim, dim))
     tension = cable.arrays.state.tension  # of a cable of constant length, which does not shorten
     pressed = bool(cable.arrays.physics.keeps_length and np.min(tension) < 0.0)
+    pressed = pressed or cable.model.layout is not None  # by its bodies, or branches
     if cable.model.has(BISHOP):
         rod = cable.model.scene.cable
         pressed = pressed or float(np.ptp(cable.x[dim])) * rod.GJ > 2.0 * math.pi * rod.EI
-    lying = lies_in(cable.x, dim, EXACT * float(knots[-1]), knots, pressed, free)
+    least = (EXACT if cable.model.layout is None else EXACT_NET) * float(knots[-1])
+    lying = lies_in(_lying(cable), dim, least, knots, pressed, free)
     moments = lying == 2 and cable.loads.size and cable.loads[:, 3:6].any()
     return None if lying == 0 or moments else free
 
@@ -206,10 +221,14 @@ def _pattern(cable: Cable) -> Array:
     """Forces (dim, n) of the accelerations sum_k sin(k pi u / L + 0.7 axis + 0.4) / k, along every
     axis: without symmetry, and strong in the long waves, which compression excites first.
     """
-    share = np.pi * bspline.greville(cable.model.knots) / cable.model.knots[-1]
+    share = np.pi * cable.model.shares
+    for body in cable.model.bodies:  # which moves as one
+        length = next(one.length for one in cable.model.parts if one.name == body.strand)
+        share[body.points] = np.pi * body.u / length
     inertia = cable.model.mass(0)
+    waves, none = range(1, WAVES + 1), np.zeros(cable.model.n)
     fields = (
-        sum(np.sin(k * share + 0.7 * axis + 0.4) / k for k in range(1, WAVES + 1))
+        sum((np.sin(k * share + 0.7 * axis + 0.4) / k for k in waves), none)
         for axis in cable.model.axes
     )
     return np.stack([mass.multiply(inertia, field) for field in fields])
@@ -239,6 +258,8 @@ def growth(cable: Cable, free: Array) -> float:
         return 0.0  # stable in all directions, which costs the least to know
     largest = float(np.abs(band).max() / cable.model.mass(0).max())
     rate, guide = max(SLOWEST, math.sqrt(ROUNDING * largest)), largest * (np.eye(len(free)) - free)
+    if cable.model.layout is not None:  # its bodies turn out of the plane by moving points along it
+        guide = np.zeros_like(guide)
     if not grows(cable, guide, rate):
         return 0.0
     while grows(cable, guide, 2.0 * rate):

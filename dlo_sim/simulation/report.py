@@ -139,11 +139,13 @@ class DiscretizationError:
         time: due to the step; 0 if the step is so short that its part is not estimated.
         space: due to the number of control points. Both are infinite if unknown.
         unknown: why an error is unknown, one line; empty otherwise.
+        since: time [s] from which the error exceeds accuracy.target; infinite if not known.
     """
 
     time: float
     space: float
     unknown: str = ""
+    since: float = math.inf
 
     @property
     def total(self) -> float:
