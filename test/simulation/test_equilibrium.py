@@ -409,6 +409,15 @@ def test_a_cable_longer_than_its_gripper_is_high_lies_on_the_floor():
         Simulator(load_scene(DOWN | {"initial.shape": "straight"}))
 
 
+def test_a_vertical_gripper_lays_the_cable_to_the_same_side_at_any_resolution():
+    """Nothing decides between the directions, which were 90 degrees and more apart."""
+    sims = (Simulator(load_scene(DOWN | {"discretization.control_points": n})) for n in (15, 40))
+    few, many = (sim.centerline([1.0])[0] for sim in sims)
+    assert few == pytest.approx(many, abs=1e-3)
+    assert many[0] > 0.6
+    assert many[1] == pytest.approx(0.0, abs=1e-3)
+
+
 def test_a_first_shape_inside_of_something_is_said(monkeypatch):
     monkeypatch.setattr(statics.FirstShape, "_fault", lambda self: 0.5)
     with pytest.warns(UserWarning, match=r"0\.5 diameters deep in an obstacle or in itself; raise"):
