@@ -198,9 +198,12 @@ class Water(Group):
     drag_along: float = parameter(0.01, "", (0.0, 100.0))
 
     def conflicts(self, key: str, scene: Any) -> Rules:
-        """A surface of no water."""
+        """A surface or a current of no water."""
         if self.level != NO_SURFACE and self.density == 0.0:
             yield "level", "m is the surface of no water; give water.density, or remove it"
+        if any(self.velocity) and self.density == 0.0:
+            cure = "give water.density, 1.2 for wind, or remove it"
+            yield "velocity", f"is the current of no water; {cure}"
 
 
 @dataclass(frozen=True)

@@ -196,17 +196,20 @@ def straight_direction(scene: Scene, places: list[tuple[float, Geometry]]) -> Ar
 
 def laying_directions(scene: Scene, geometries: Geometries) -> list[Array]:
     """Directions of the straight cable to begin with where there are obstacles: from the first to
-    the last held point, and as the cable leaves them; of a single one, along its tangent where that
-    is level, so that the cable is laid down in the direction in which it leaves.
+    the last held point, and as the cable leaves them; of a single one, along its tangent made
+    level, so that the cable is laid down in the direction in which it leaves. One that leaves
+    vertically is laid along x (or y), to the same side whatever its control points.
     """
     places = held_places(scene, geometries)
     tangents = [rotations.rotate(geo.orientation, geo.tangent) for _, geo in places]
     if len(places) == 1:
         gravity = np.array(scene.gravity)
         down = gravity / max(math.hypot(*gravity), 1e-300)
-        level = tangents[0] - (tangents[0] * down).sum() * down
-        size = math.hypot(*level)
-        return [level / size] if size > LEVEL else [straight_direction(scene, places)]
+        for one in (tangents[0], *np.eye(3)):
+            level = one - (one * down).sum() * down
+            size = math.hypot(*level)
+            if size > LEVEL:
+                return [level / size]
     return [straight_direction(scene, places), tangents[0], tangents[-1]]
 
 

@@ -11,7 +11,9 @@ Where there are obstacles, the cable hangs above them in the shape that it has w
 lowered in small steps: in a long one, it would go through what it should lie on. Where that does
 not end well, it starts straight and above them, and its ends come together. On the way contact is
 only as stiff as weight and bending ask for, since Newton's method is the slower the less a cable
-sinks in; the last search has the contact of the scene.
+sinks in; the last search has the contact of the scene. No step takes the cable farther than half of
+what would bring it through the thinnest obstacle, and a cable that hangs beneath a box over which
+it is held begins above that.
 
 A lowered cable is guided: it hardly moves across the vertical plane of its ends. Where that plane
 is one of symmetry, the shape in it counts, unless it topples much faster than a body falls by the
@@ -49,7 +51,7 @@ from dlo_sim.engine.arrays import (
 )
 from dlo_sim.engine.contact import EARTH, STIFFNESS
 from dlo_sim.methods import relax_step
-from dlo_sim.scene.description import Scene
+from dlo_sim.scene.description import Obstacle, Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import inextensible
 from dlo_sim.simulation.cable import Cable
@@ -63,7 +65,7 @@ from dlo_sim.simulation.geometry import (
     laying_directions,
     straight_direction,
 )
-from dlo_sim.simulation.obstacles import PLACES, bend_radius, gaps, inside
+from dlo_sim.simulation.obstacles import PLACES, bend_radius, gaps, inside, thinnest
 from dlo_sim.simulation.resolution import RADIUS, resolved
 from dlo_sim.simulation.self_contact import nearest
 from dlo_sim.simulation.soundness import leaves_clamp_backwards, unexplained_stretch
@@ -76,9 +78,10 @@ STEPS = 2  # from there, unless more are needed
 TOUCHING_STEPS = 20  # the same where there are obstacles
 SINKS = 0.05  # diameters, into obstacles on the way
 LAID = "plane", "box"  # obstacles on which a cable lies that is lowered
-GUIDED = 1e3  # stiffness of the guide of a lowered cable, in its mass over pseudo-time of its fall
+GUIDED = 1e3  # stiffness of the guide of a lowered cable, in its mass and gravity per length
 TOPPLES = 100.0  # square of the rate at which a shape that counts may topple, in gravity per length
 MOST_LIFTS = 200  # of the straight cable, to be clear of them
+STRIDE = 0.5  # of half the thickness of the thinnest obstacle, move of a cable that may touch it
 CLEAN = 0.1  # diameters, depth in an obstacle or in itself below which no other way is tried
 ABOVE = -0.01  # diameters, gap of a cable that counts as above an obstacle
 FLAT = 1e-9  # of the length, distance from a plane that counts as none
@@ -87,6 +90,7 @@ LEAST_STEP = 1e-3  # of the way
 ROUGH = 1e-3  # of the length, movement that counts as rest on the way
 
 MAX_STEPS = 400
+FALLS = 4.0  # lengths, in strides, that a search may take beside these: a cable slips off an edge
 TURNING_STEPS = 40  # of a search in which what holds the roll turns with the Bishop frame
 TOLERANCE = 1e-10  # of the cable's length, movement of a step that counts as rest
 ROUND_OFF = 1e-6  # the same where steps do not shrink any more
@@ -113,6 +117,7 @@ class FirstShape:
         self._flow = self._align if cable.model.has(PLASTICITY) else None
         self._across: Array | None = None  # to where a guide keeps the cable from moving
         self._touching = cable.model.has(CONTACT)  # whether there are obstacles to follow
+        self._thinnest = thinnest(cable.model.scene)  # half of what the cable may go through [m]
 
     def place(self, near: Array | None = None, continues: bool = False) -> bool:
         """Put the cable into the scene's first shape, at rest.
@@ -277,7 +282,7 @@ class FirstShape:
         if not found:
             return None
         points = cable.points
-        points[:, :3] += way.begin_above(self._line(points[:, :3]))
+        points[:, :3] += way.begin_above(self._line(points[:, :3]), cable.model.origin)
         return points
 
     def _fault(self) -> float:
@@ -307,6 +312,9 @@ class FirstShape:
             points[:, :3] = first_shape(self._scene, way.at(begin), cable.model.knots)
         self._put_on(way, begin, points, anew=True)
         share, step, rate = begin, (1.0 - begin) / steps, None  # of the shape in the last step
+        if self._touching:
+            stride = STRIDE * self._thinnest / max(np.abs(way.back).max(), TINY)
+            step = min(step, max(stride, LEAST_STEP))
         found = self._rests(begin)
         while found and share < 1.0:
             there = share + step if share + step < 1.0 - LEAST_STEP else 1.0
@@ -370,16 +378,18 @@ class FirstShape:
         soft = np.minimum(stiff, self._soft())
         try:
             law[:, STIFFNESS] = soft
-            found = relax(cable, rest=ROUGH, across=self._across)
+            stride = STRIDE * self._thinnest
+            found = relax(cable, rest=ROUGH, across=self._across, stride=stride)
             if not found or not at_end or self._across is None:
                 return found
             before, law[:, STIFFNESS] = cable.state.copy(), stiff
-            if relax(cable, rest=ROUGH, across=self._across) and self._is_upright():
+            stays = relax(cable, rest=ROUGH, across=self._across, stride=stride)
+            if stays and self._is_upright():
                 return True
             cable.state[:], self._across = before, None
             law[:, STIFFNESS] = soft
             _nudge(cable)
-            return relax(cable, rest=ROUGH)
+            return relax(cable, rest=ROUGH, stride=stride)
         finally:
             law[:, STIFFNESS] = stiff
 
@@ -478,7 +488,7 @@ class _Way:
         self._places = held_places(scene, geometries)
         self.u = np.array([u for u, _ in self._places])
         direction = straight_direction(scene, self._places) if direction is None else direction
-        at = np.array([geometry.attachment for _, geometry in self._places])
+        self._at = at = np.array([geometry.attachment for _, geometry in self._places])
         line = np.outer(self.u, direction)
         self.direction = direction
         self.back = line - line.mean(axis=0) - (at - at.mean(axis=0))
@@ -500,23 +510,32 @@ class _Way:
     def begin_clear(self, origin: Array) -> None:
         """Begin with the straight cable above all obstacles, as low as that is possible."""
         u = np.linspace(0.0, self._scene.cable.length, PLACES)
-        line = self._places[0][1].attachment + self.back[0] + origin
-        self.back = self.back + self._lift(line + np.outer(u - self.u[0], self.direction))
+        line = self._at[0] + self.back[0] + origin
+        line = line + np.outer(u - self.u[0], self.direction)
+        self.back = self.back + self._lift(line, origin)
 
-    def begin_above(self, line: Array) -> Array:
+    def begin_above(self, line: Array, origin: Array) -> Array:
         """Begin with the cable as at the end, at these points (PLACES, 3), moved up by what is
         returned, so that it is above all obstacles.
         """
-        lift = self._lift(line)
+        lift = self._lift(line, origin)
         self.back = np.zeros_like(self.back) + lift
         self._turns = {name: np.zeros(3) for name in self._turns}
         return lift
 
-    def _lift(self, line: Array) -> Array:
-        """How far up a cable at these points is clear of all obstacles."""
+    def _lift(self, line: Array, origin: Array) -> Array:
+        """How far up a cable at these points is clear of all obstacles, and above the boxes over
+        which it is held, so that it does not begin beneath them.
+        """
         scene, up = self._scene, -np.array(self._scene.gravity)
         up /= max(math.hypot(*up), TINY)
-        diameter, lift = scene.cable.diameter, np.zeros(3)
+        diameter, height = scene.cable.diameter, 0.0
+        u = np.linspace(self.u[0], self.u[-1], PLACES)
+        held = np.stack([np.interp(u, self.u, one) for one in self._at.T], axis=1) + origin
+        for body in scene.bodies:
+            if body.shape == "box" and _height_over(body, diameter, held, up) <= diameter:
+                height = max(height, _height_over(body, diameter, line, up))
+        lift = height * up
         for _ in range(MOST_LIFTS):
             there = (float(gaps(body, diameter, line + lift).min()) for body in scene.bodies)
             gap = min(there, default=1.0)
@@ -566,6 +585,20 @@ class _Way:
             if leaves * (np.cross(axis, direction) * self._scene.gravity).sum() < 0.0:
                 axis = -axis
         return np.asarray(axis * (angle / math.hypot(*axis)))
+
+
+def _height_over(body: Obstacle, diameter: float, points: Array, up: Array) -> float:
+    """How far [m] above their places points of a cable, shape (n, 3), touch a body first when they
+    come down on it from above; 0 if they do not.
+    """
+    height = float(((np.array(body.position) - points) * up).sum(axis=1).max())
+    height += math.hypot(*body.size) + diameter
+    while height > 0.0:
+        gap = float(gaps(body, diameter, points + height * up).min())
+        if gap < -ABOVE * diameter:
+            return height
+        height -= max(gap, 0.5 * diameter)
+    return 0.0
 
 
 def _wants_equilibrium(scene: Scene, geometries: Geometries) -> bool:
@@ -626,6 +659,7 @@ def relax(
     twist: bool = False,
     rolls: bool = False,
     across: Array | None = None,
+    stride: float = np.inf,
 ) -> bool:
     """Move a cable to a nearby stable equilibrium at rest; true if it was reached.
 
@@ -633,15 +667,16 @@ def relax(
     the natural and plastic curvature after each step of the search, which then converges linearly.
     `rest` is the movement of a step [of the length, or rad] that counts as rest; `twist` and
     `rolls` are those of `relax_step`. `across` is a unit vector along which a guide hardly lets the
-    cable move: there it is not in equilibrium.
+    cable move: there it is not in equilibrium. `stride` [m] is the longest move of a step.
     """
     cable.w[:] = 0.0
     search = _Search(cable, twist, rolls, across)
     pseudo = search.first
     least, stuck, ceiling, smooth, nudged = np.inf, 0, np.inf, 0, False
     progress = SLOW if after_step else FAST
-    for _ in range(TURNING_STEPS if rolls else MAX_STEPS):
-        iterations, moved = search.step(pseudo)
+    longest = MAX_STEPS + math.ceil(FALLS * cable.model.length / stride)
+    for _ in range(TURNING_STEPS if rolls else longest):
+        iterations, moved = search.step(pseudo, stride)
         if iterations == 0:
             ceiling, smooth = 0.7 * pseudo, 0
             pseudo *= 0.5
@@ -694,23 +729,27 @@ class _Search:
         self._cable, model, dim = cable, cable.model, len(cable.model.axes)
         # At fixed twist the stiffness of a cable with a natural shape says little.
         self._unknown = model.has(MATERIAL) and not twist
-        length, pull = model.length, np.abs(cable.forces()[:dim])
+        length, load = model.length, np.abs(cable.forces()[:dim])
         inertia = float(mass.multiply(model.mass(0), np.ones(model.n)).sum())
-        fall = inertia * length / max(float((pull * ~model.held_mask()[:dim]).sum()), TINY)
+        fall = inertia * length / max(float((load * ~model.held_mask()[:dim]).sum()), TINY)
         self.first, self.patient = 0.01 * fall, 100.0 * fall
         guide = np.zeros((dim, dim))
         if across is not None:
-            guide += GUIDED / fall * np.outer(across, across)
+            pull = math.hypot(*model.scene.gravity)
+            guide += GUIDED * pull / length * np.outer(across, across)
         begun, anchors = cable.padded(cable.x), cable.anchors.copy()
         self._given = guide, begun, anchors, length, twist, rolls
 
-    def step(self, pseudo: float) -> tuple[int, float]:
-        """One backward Euler step in place; iterations (0: not converged) and the largest move.
+    def step(self, pseudo: float, stride: float = np.inf) -> tuple[int, float]:
+        """One backward Euler step in place; iterations (0: it did not converge, or went farther
+        than the stride [m], and was undone) and the largest move.
 
         The move is a share of the length, or an angle [rad].
         """
         state = self._cable.state.copy()
         iterations, moved = self._cable.call(relax_step.relax_step, pseudo, *self._given)
+        if moved * self._cable.model.length > stride:
+            iterations = 0
         if iterations == 0:
             # The frames, too, which may hold no numbers where the correction was far too large.
             self._cable.state[:] = state

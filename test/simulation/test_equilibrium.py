@@ -409,7 +409,70 @@ def test_a_cable_longer_than_its_gripper_is_high_lies_on_the_floor():
         Simulator(load_scene(DOWN | {"initial.shape": "straight"}))
 
 
+def test_a_vertical_gripper_lays_the_cable_to_the_same_side_at_any_resolution():
+    """Nothing decides between the directions, which were 90 degrees and more apart."""
+    sims = (Simulator(load_scene(DOWN | {"discretization.control_points": n})) for n in (15, 40))
+    few, many = (sim.centerline([1.0])[0] for sim in sims)
+    assert few == pytest.approx(many, abs=1e-3)
+    assert many[0] > 0.6
+    assert many[1] == pytest.approx(0.0, abs=1e-3)
+
+
 def test_a_first_shape_inside_of_something_is_said(monkeypatch):
     monkeypatch.setattr(statics.FirstShape, "_fault", lambda self: 0.5)
     with pytest.warns(UserWarning, match=r"0\.5 diameters deep in an obstacle or in itself; raise"):
         Simulator(load_scene(DOWN))
+
+
+SHELF = {
+    **{"cable.length": 1.2, "cable.diameter": 0.012, "cable.linear_density": 0.1},
+    **{"cable.axial_stiffness": 2e4, "cable.bending_stiffness": 0.02, "start.fixed": [True] * 3},
+    **{"start.position": [-0.45, 0.0, 0.05], "end.fixed": [True] * 3, "contact.friction": 0.2},
+    **{"end.position": [0.45, 0.0, 0.05], "obstacles.names": ["shelf"]},
+    **{"obstacles.shelf.shape": "box", "obstacles.shelf.size": [0.5, 0.3, 0.02]},
+    "obstacles.shelf.position": [0.0, 0.0, -0.01],
+}
+UNDER_IT = {"start.position": [-0.45, 0.0, -0.05], "end.position": [0.45, 0.0, -0.05]}
+DOWN_ON_IT = {
+    **{"cable.length": 0.69, "cable.linear_density": 0.2, "cable.axial_stiffness": 1e5},
+    **{"start.position": [0.0, 0.0, 0.122], "start.clamped": True, "start.tangent": [0.0, 0.0, -1]},
+    **{"end.fixed": [False] * 3, "initial.shape": "equilibrium", "contact.friction": 0.0},
+}
+OVER_ITS_RIM = {
+    **{"cable.length": 1.0, "cable.diameter": 0.004, "cable.linear_density": 0.03},
+    **{"cable.bending_stiffness": 0.002, "start.position": [0.0, 0.0, 0.122]},
+    **{"start.clamped": True, "start.tangent": [0.6, 0.8, 0.0], "end.fixed": [False] * 3},
+    **{"initial.shape": "equilibrium"},
+}
+
+
+def over_the_shelf(more):
+    """Points of the first shape, and how high [m] their axis is over a shelf of SHELF where they
+    are over or in it; at its rim, how far from it.
+    """
+    sim = Simulator(load_scene(SHELF | more))
+    points = sim.centerline(np.linspace(0.0, sim.scene.cable.length, 4001))
+    outside = np.maximum(np.abs(points) - [0.25, 0.15, np.inf], 0.0)
+    outside[:, 2] = points[:, 2]
+    near = np.hypot(outside[:, 0], outside[:, 1]) < 0.5 * sim.scene.cable.diameter
+    return points, outside[near]
+
+
+@pytest.mark.parametrize("more", [{}, DOWN_ON_IT, OVER_ITS_RIM], ids=["two", "down", "over a rim"])
+def test_a_thin_shelf_carries_the_cable_above_it(more):
+    """It neither begins beneath the shelf, nor goes through it on the way, nor sinks in at a rim
+    between two samples: nothing is deeper than 2 % of the diameter.
+    """
+    _, near = over_the_shelf(more)
+    radius = 0.5 * (SHELF | more)["cable.diameter"]
+    above = near[near[:, 2] > -radius]
+    distance = np.linalg.norm(np.maximum(above, 0.0), axis=1)
+    assert len(above) > 1
+    assert distance.min() > radius - 0.02 * 2.0 * radius
+    flat = near[(near[:, 0] == 0.0) & (near[:, 1] == 0.0)]
+    assert flat[:, 2].min() > 0.0
+
+
+def test_a_cable_held_beneath_a_shelf_hangs_there():
+    points, _ = over_the_shelf(UNDER_IT)
+    assert points[:, 2].max() < -0.02

@@ -106,6 +106,7 @@ SCENES = [
     (HOSE, {"hose.bore": 0.014, "hose.pressure": 0.0}, "hose.bore: 0.014 m is too wide; give it"),
     (WET, VERLET, r"water\.density 1000; use energy_momentum"),
     (WET, {"water.density": 0.0, "water.level": 1.0}, "level: 1.0 m is the surface of no water"),
+    (FALLING, {"water.velocity": [5.0, 0.0, 0.0]}, "velocity: .* give water.density, 1.2 for wind"),
     *(
         (SOFT, FREE_ENDS | DRAG | {METHOD: name}, r"damping\.air_drag_ratio 0\.5; use energy_mom")
         for name in ("velocity_verlet", "rk4", "zhai")
