@@ -357,6 +357,7 @@ class State(Group):
     # Force per length of the impulses of contact in the last step, by line [N/m].
     stopped = Lanes("obstacles", "groups", 3)
     slides = Lanes("obstacles", "groups", 1)  # 1 where a sample slides, 0 where it lands or rests
+    lain = Lanes("obstacles", "groups", 1)  # [s] for which a sample that was pressed still lies
     near_count = Reals("obstacles")
     near = Reals("obstacles", "groups")  # so many groups of samples that may touch the obstacle
     bristle = Lanes("obstacles", "groups", 3)  # friction that sticks, in its frame [m]
@@ -457,7 +458,7 @@ class Work(Group):
     columns = Reals("rigid", "unknowns")  # of the matrix, by row (`methods.relax_step`)
     border_value = Reals("border_columns")
     trial = Lanes("obstacles", "groups", 3)  # bristles at the end of the step
-    impulses = Lanes("obstacles", "groups", 17)  # `contact.UNIT` to KNOWN
+    impulses = Lanes("obstacles", "groups", 18)  # `contact.UNIT` to HELD
     looked = Reals(13, groups.LANES)  # distances, then places (`engine.distance_field`)
     measured = Lanes("obstacles", "groups", 2, 17)  # where samples are (`contact.measure`)
     touch = Lanes("obstacles", "groups", 12)  # `contact.PRESSURE` to LEVER, of the last forces

@@ -30,6 +30,11 @@ came, and none across where friction holds. Impulses bring that about, which cha
 least in the metric of the mass (Moreau 1988); with those of the step they obey the law of Coulomb.
 They do nothing where what is pressed already has that velocity, as at rest and in steady sliding.
 Restitution is that of Newton, the same at every step: 0 lies where it lands, 1 loses nothing.
+    With restitution 0, samples that were pressed less than LIES ago and have left the surface are
+held, too, while others land. A span of which a part has landed cannot follow the kink in the
+velocity there, and would throw that part up, at some steps by 5 cm, at others not. What holds
+it are impulses that pull, so friction is that of the sum of all impulses along the normal: the
+share of it in those that push is the share that the law of Coulomb counts (`net_share`).
 
 **Rolling.** A cable that twists in space also turns about its axis by an angle phi relative to the
 obstacle, which moves its surface, a radius a off the axis, by - phi l, l = a t x n / (|t| |n|) with
@@ -117,8 +122,9 @@ PRESSURE, SLOPE, TURN, TOWARD, TRIAL, LEVER = 0, 1, 2, 3, 6, 9
 # (3); impulses of pressure and friction (3) in the step, per length; velocity of the obstacle, by
 # line (3); that after contact along the normal; rate at which the obstacle turns about the cable;
 # whether friction holds, 1 or 0; where it slides, its impulse less that of the step (3); what is
-# known of the impulse of the pressure, less that of the step.
+# known of the impulse of the pressure, less that of the step; 1 if it gets that velocity, else 0.
 UNIT, PUSHED, RUBBED, CARRIED, BOUNCE, TURNS, STICKS, SLID, KNOWN = 0, 3, 4, 7, 10, 11, 12, 13, 16
+HELD = 17
 
 SMOOTH = 1e-18  # [m^2], of a motion of 1e-9 m, below which n needs no directional part
 JUMP = 0.05  # share of the reach that a step may move past an obstacle without a look at normals
@@ -132,6 +138,7 @@ SHALLOW = 0.03  # diameters that a cable may begin inside, and up to which nothi
 DAMPED = 0.01
 RESTING = 1e-3  # [m/s], below which what touches does not slide
 STOP = 1e2  # penalty for other velocities than those after contact, in linear densities
+LIES = 5e-3  # [s], for which a sample that was pressed is held while others land
 SAME = 1e-3  # change of an impulse of friction, in its limit, that counts as none
 AHEAD = 16.0  # expected motions of a step that the margin of the broad phase allows for
 
@@ -670,9 +677,12 @@ def body_velocity(pose, y, f, g):
 
 @inline
 def is_pressed(cable, o, g):
-    """Whether any sample of a group is pressed at the end of a step, as last looked at."""
+    """Whether any sample of a group is pressed at the end of a step, as last looked at, or was less
+    than LIES ago.
+    """
     gap = cable.work.measured[o, g, ENDED][DISTANCE] - reach_to(cable.contact, o, g)
-    return any_above(-(gap + cable.state.overlap[o, g, 1]))
+    lain = cable.state.lain[o, g, 0]
+    return any_above(where(lain, lain, -(gap + cable.state.overlap[o, g, 1])))
 
 
 @inline
@@ -718,6 +728,8 @@ def expect(cable, o, g, tau):
     kept[STICKS] = where(limit * limit - (1.0 + SAME) * dot(rubbed, rubbed), 1.0, 0.0)
     put(kept, SLID, (none, none, none))
     kept[KNOWN] = none
+    lies = cable.state.lain[o, g, 0] if contact.restitution == 0.0 else none
+    kept[HELD] = where(kept[PUSHED], 1.0, where(lies, 1.0, 0.0))
 
 
 @inline
@@ -745,7 +757,7 @@ def impulses_at(cable, o, g, across, excess):
     kept, contact = cable.work.impulses[o, g], cable.contact
     stiff = STOP * contact.density * contact.heavier[g]
     rub = combined(1.0, three(kept, SLID), -stiff * kept[STICKS], across)
-    return rub, where(kept[PUSHED], kept[KNOWN] - stiff * excess, 0.0)
+    return rub, where(kept[HELD], kept[KNOWN] - stiff * excess, 0.0)
 
 
 @kernel((float64, float64), CABLE, float64, LINES, terms=CONTACT)
@@ -795,11 +807,28 @@ def add_impulses(cable, v, push, band):
             f = to_lines(cable.state.pose[o], END, combined(1.0, rub, pushed, n))
             push_samples(cable, g, scaled(w, f), push)
             h = (hold, none, none), (none, hold, none), (none, none, hold)
-            h = with_product(h, scaled(where(kept[PUSHED], stiff, 0.0) - hold, n), n)
+            h = with_product(h, scaled(where(kept[HELD], stiff, 0.0) - hold, n), n)
             spun = scaled(hold, lever), scaled(hold, lever), hold * dot(lever, lever)
             span = add_samples(cable, o, g, END, h, spun, 1.0, span, band)
     if span >= 0:
         add_span(cable, span, band)
+
+
+@inline
+def net_share(cable, o, v):
+    """Share of the impulses along the normal that push in their sum, of an obstacle, with the
+    velocities v after them: below 1 where others pull.
+    """
+    contact, net, positive = cable.contact, zero(), zero()
+    for k in range(int(cable.state.near_count[o])):
+        g = int(cable.state.near[o, k])
+        if not is_pressed(cable, o, g):
+            continue
+        _, push = impulses_at(cable, o, g, *excess_velocity(cable, o, g, v))
+        total = contact.weight[g] * (cable.work.impulses[o, g, PUSHED] + push)
+        net += total
+        positive += where(total, total, 0.0)
+    return max(lane_sum(net), 0.0) / (lane_sum(positive) + TINY)
 
 
 @kernel((boolean, float64), CABLE, float64, LINES, boolean, terms=CONTACT)
@@ -812,6 +841,7 @@ def validate_impulses(cable, tau, v, last):
     worked, wrong = zero(), zero()
     cable.state.balance.stopped = 1.0
     for o in range(contact.count):
+        share = net_share(cable, o, v) if contact.law[o, FRICTION] > 0.0 else 0.0
         for k in range(int(cable.state.near_count[o])):
             g = int(cable.state.near[o, k])
             if not is_pressed(cable, o, g):
@@ -832,17 +862,17 @@ def validate_impulses(cable, tau, v, last):
             if contact.law[o, FRICTION] == 0.0:
                 continue
             rubbed = three(kept, RUBBED)
-            limit = friction_at(cable, o, g) * where(p + push, p + push, 0.0)
+            limit = share * friction_at(cable, o, g) * where(p + push, p + push, 0.0)
             whole = combined(1.0, rubbed, 1.0, f)
             size = sqrt(dot(whole, whole)) + TINY
             speed = sqrt(dot(across, across)) + TINY
             # What held slides beyond the limit of Coulomb; what slid the way it is pushed holds.
             slips = holds * where(size - (1.0 + SAME) * limit, 1.0, 0.0)
-            sticks = (1.0 - holds) * where(dot(across, whole), 1.0, 0.0) * where(p, 1.0, 0.0)
+            sticks = (1.0 - holds) * where(dot(across, whole), 1.0, 0.0) * where(limit, 1.0, 0.0)
             way = combined(holds / size, whole, (holds - 1.0) / speed, across)
             slides = combined(limit, way, -1.0, rubbed)
             off = combined(1.0, slides, -1.0, slid)
-            goes_on = (1.0 - holds) * (1.0 - sticks) * where(p, 1.0, 0.0)
+            goes_on = (1.0 - holds) * (1.0 - sticks) * kept[HELD]
             apart = where(dot(off, off) - SAME * SAME * (limit * limit + p * p), goes_on, 0.0)
             wrong += where(w, slips + sticks + apart, 0.0)
             if not last:
@@ -871,6 +901,7 @@ def find_near(cable, x, margin):
             else:
                 put(state.overlap[o, g], 0, (zero(), zero(), zero()))
                 state.slides[o, g, 0] = zero()
+                state.lain[o, g, 0] = zero()
         state.near_count[o] = near
 
 
@@ -981,6 +1012,8 @@ def commit(cable, tau):
             state.overlap[o, g, 2] = reach - begun
             deep = where(fabs(contact.weight[g]), deep - state.overlap[o, g, 1], 0.0)
             deepest = where(deep - deepest, deep, deepest)
+            left = state.lain[o, g, 0] - tau
+            state.lain[o, g, 0] = where(deep, LIES, where(left, left, 0.0))
         if any_above(deepest - state.deepest[o]):
             for k in range(LANES):
                 state.deepest[o] = max(state.deepest[o], lane(deepest, k))

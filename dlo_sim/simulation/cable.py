@@ -103,7 +103,7 @@ class Cable:
         there, here = ((one.pieces, one.guide_pieces) for one in (theirs.contact, group))
         pieces = there, here, (theirs.contact.extras, group.extras)
         same = np.array_equal(self.model.knots, other.model.knots)
-        names = ["bristle", "slides", *["overlap"] * (not anew)]
+        names = ["bristle", "slides", "lain", *["overlap"] * (not anew)]
         if anew and self.model.axes == other.model.axes:
             names.append("stopped")
             self.account.stopped = other.account.stopped if same else 0.0
@@ -349,7 +349,7 @@ class Cable:
     def forget_contact(self) -> None:
         """Set what earlier steps have left of contact with obstacles, but for overlap, to zero."""
         state = self.arrays.state
-        for array in (state.bristle, state.stopped, state.slides, state.deepest):
+        for array in (state.bristle, state.stopped, state.slides, state.lain, state.deepest):
             array[:] = 0.0
 
     def strands(self) -> Array:

@@ -66,6 +66,53 @@ def test_it_leaves_as_fast_as_the_restitution_says_at_every_step(step, restituti
     assert lost == pytest.approx(1.0 - restitution**2, abs=0.02 + 3.0 * late / drop)
 
 
+SLANTED = {
+    "cable.length": 1.2,
+    "cable.diameter": 0.004,
+    "cable.density": 1800.0,
+    "cable.youngs_modulus": 3e5,
+    "cable.axial_stiffness": 400.0,
+    "start.fixed": [False] * 3,
+    "start.position": [0.0, 0.0, 0.1],
+    "end.position": [1.16, 0.0, 0.4],
+    "discretization.control_points": 19,
+    "obstacles.names": ["table"],
+}
+
+
+def centre_of_mass(sim):
+    u = np.linspace(0.0, sim.scene.cable.length, 241)
+    return np.trapezoid(sim.centerline(u), u, axis=0) / u[-1]
+
+
+@pytest.mark.parametrize("step", [5e-3, 2.5e-3, 3e-4])
+def test_what_has_landed_lies_while_the_rest_of_the_cable_lands(step):
+    """A soft cable falls with a slant: each point of it falls freely until it lands."""
+    sim = simulator(SLANTED, step=step)
+    heights = sim.centerline(np.linspace(0.0, 1.2, 241))[:, 2]
+    while sim.time < 0.4:
+        sim.advance(0.02)
+        fallen = np.maximum(heights - 0.5 * 9.81 * sim.time**2, 0.002)
+        mean = 0.5 * (fallen[1:] + fallen[:-1]).mean()
+        assert centre_of_mass(sim)[2] == pytest.approx(mean, abs=2e-3), sim.time  # 0.8 mm
+    assert sim.energy_error < 1e-5
+
+
+@pytest.mark.parametrize("step", [5e-3, 2.5e-3, 3e-4])
+def test_a_cable_thrown_along_a_table_is_braked_as_the_law_of_coulomb_says(step):
+    """Whatever lands when: what slides is braked by mu times the impulse that carries it."""
+    sim = simulator(SLANTED, {"contact.friction": 0.2}, step=step)
+    rates = np.zeros_like(sim.control_points)
+    rates[:, 0] = 3.0
+    sim.start_from(sim.control_points, rates)
+    before = centre_of_mass(sim)
+    while sim.time < 0.4:
+        sim.advance(0.02)
+        x, _, z = centre_of_mass(sim) - before
+        braked = 0.2 * (0.5 * 9.81 * sim.time**2 + z)
+        assert x == pytest.approx(3.0 * sim.time - braked, abs=2e-3), sim.time  # 0.6 mm of 107
+
+
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_falls_keep_the_energy_account_within_the_default_tolerance(friction):
     """Flat on a box, which touches and lets go within one step here and there."""
