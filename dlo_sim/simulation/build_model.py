@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.held_rows import fill_rows
 from dlo_sim.simulation.holding import Holding, holding_of
 from dlo_sim.simulation.join_strands import joined
+from dlo_sim.simulation.meshes import Field
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.net import cuts_of, local_geometries
 from dlo_sim.simulation.obstacles import fields_of, pieces_of
@@ -60,6 +62,27 @@ def build_model(
     if not scene.is_net:
         return next(iter(models.values()))
     return joined(scene, needs, geometries, models, counts.radius)
+
+
+def with_obstacles(model: Model, scene: Scene, needs: Needs) -> Model:
+    """Constants of a scene that differs from that of `model` in its obstacles.
+
+    Of a single cable with the same terms only those of its contact are made; it shares all others
+    with `model`, so that a tick waits less for what markers say.
+    """
+    geometries, origin = model.geometries, model.origin
+    if scene.is_net or needs != model.needs:
+        return build_model(scene, needs, geometries, origin)
+    counts = _counts([scene], needs)
+    terms = _terms(scene, needs, counts.curved, model.holding)
+    if (terms ^ model.terms) & ~obstacles.SHAPES:
+        return build_model(scene, needs, geometries, origin)
+    fields = fields_of(scene, counts.radius) if "contact" in needs else ()
+    sizes = _sizes(scene, needs, geometries, model.holding, model.rule, counts, terms, fields)
+    kept = {name: getattr(model.arrays, name) for name in CableArrays.groups if name != "contact"}
+    arrays = CableArrays(sizes, **kept)
+    arrays.axes[:] = model.arrays.axes
+    return _with_contact(replace(model, scene=scene, arrays=arrays, fields=fields), counts)
 
 
 class _Counts(NamedTuple):
@@ -117,11 +140,41 @@ def _model(
         raise refusal("discretization.samples", scene.discretization.samples, f"{what}; {cure}")
     holding = holding_of(scene, geometries, knots, axes, twist)
     fields = fields_of(scene, counts.radius) if "contact" in needs else ()
-    sizes = sizes_of(
-        terms=_terms(scene, needs, counts.curved, holding),
-        dim=len(axes),
-        twist=twist,
-        n=n,
+    terms = _terms(scene, needs, counts.curved, holding)
+    sizes = _sizes(scene, needs, geometries, holding, rule, counts, terms, fields)
+    arrays = CableArrays(sizes, inputs=None, state=None, work=None)
+    arrays.axes[: len(axes)] = axes
+    arrays.chain.segments = counts.segments
+    rest = np.array(geometries["start"].attachment)
+    rest[list(axes)] = 0.0
+    bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
+    axial = scene.cable.EA
+    if inextensible(scene):  # the penalty factor of `engine.tension`
+        axial = max(axial, PENALTY * (_weight(scene) + scene.cable.EI / scene.cable.length**2))
+    stiffness = axial, bending
+    lines = axes, twist, holding
+    of = scene, needs, geometries
+    model = Model(*of, arrays, knots, rule, *lines, *stiffness, rest, origin, {}, fields)
+    _Filling(model).fill()
+    return _with_contact(model, counts)
+
+
+def _sizes(
+    scene: Scene,
+    needs: Needs,
+    geometries: Geometries,
+    holding: Holding,
+    rule: quadrature.Quadrature,
+    counts: _Counts,
+    terms: int,
+    fields: Sequence[Field],
+) -> dict[str, int]:
+    """Sizes of the arrays of one strand."""
+    return sizes_of(
+        terms=terms,
+        dim=len(needs.axes),
+        twist="twist" in needs,
+        n=len(rule.xi) + bspline.DEGREE,
         samples=rule.xi.shape[1],
         holding=holding,
         grasps=len(geometries),
@@ -131,23 +184,16 @@ def _model(
         segments=counts.segments,
         field_values=sum(field.values.size for field in fields),
     )
-    arrays = CableArrays(sizes, inputs=None, state=None, work=None)
-    arrays.axes[: len(axes)] = axes
-    arrays.contact.pieces, arrays.contact.guide_pieces = counts.pieces
-    arrays.chain.segments = counts.segments
-    rest = np.array(geometries["start"].attachment)
-    rest[list(axes)] = 0.0
-    bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
-    axial = scene.cable.EA
-    if inextensible(scene):  # the penalty factor of `engine.tension`
-        axial = max(axial, PENALTY * (_weight(scene) + scene.cable.EI / scene.cable.length**2))
-    stiffness = axial, bending
-    places = dict(zip(scene.bodies, obstacles.at_rest(scene, origin), strict=True))
-    lines = axes, twist, holding
-    of = scene, needs, geometries
-    model = Model(*of, arrays, knots, rule, *lines, *stiffness, rest, origin, places, fields)
-    _Filling(model, counts.radius).fill()
-    return model
+
+
+def _with_contact(model: Model, counts: _Counts) -> Model:
+    """A model with the constants of its contact, and the places of its obstacles."""
+    scene, contact = model.scene, model.arrays.contact
+    contact.pieces, contact.guide_pieces = counts.pieces
+    if "contact" in model.needs:
+        obstacles.fill(model, counts.radius)
+    places = dict(zip(scene.bodies, obstacles.at_rest(scene, model.origin), strict=True))
+    return replace(model, obstacles=places)
 
 
 # Share of the polar inertia that a cable with quasistatic twist keeps, because it could not be
@@ -209,9 +255,8 @@ def _quadrature(scene: Scene, knots: Array) -> quadrature.Quadrature:
 class _Filling:
     """Writes the arrays of a model."""
 
-    def __init__(self, model: Model, radius: float) -> None:
+    def __init__(self, model: Model) -> None:
         self._scene, self._needs, self._model = model.scene, model.needs, model
-        self._radius = radius
         self._arrays, self._axes = model.arrays, list(model.axes)
 
     def fill(self) -> None:
@@ -254,8 +299,6 @@ class _Filling:
             physics.keeps_length = 1.0
             physics.axial_round_off = model.axial_stiffness * scene.cable.length
             physics.beta_stretch = 0.0  # what does not stretch dissipates nothing
-        if "contact" in self._needs:
-            obstacles.fill(model, self._radius)
         if "self_contact" in self._needs:
             self_contact.fill(model)
 

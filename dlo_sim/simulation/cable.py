@@ -77,7 +77,8 @@ class Cable:
         obstacles stay. The rest of the state is zero and still to be set: anchors, directions,
         positions and velocities (`put`).
         """
-        before = copy(self)
+        before = Cable.__new__(Cable)  # with the present arrays; a copy would have others
+        vars(before).update(vars(self))
         self.allocate(model)
         self.motion[:], self.loads[:] = before.motion, before.loads
         for array, values in zip(self._lasting, before._lasting, strict=True):

@@ -110,6 +110,7 @@ def core_of(obstacle: Obstacle, radius: float) -> Core:
 _CODE = {"box": BOXED, "sphere": BOXED, "capsule": BOXED, "cylinder": ROUND, "mesh": MESHED}
 _CODE |= {"ring": TUBED, "channel": TUBED}
 _FROM_MARKERS = BOXED | ROUND | MESHED
+SHAPES = _FROM_MARKERS | TUBED  # bits of the terms that obstacles alone decide
 
 
 def terms_of(scene: Scene) -> int:

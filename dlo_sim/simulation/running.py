@@ -24,7 +24,7 @@ from dlo_sim.engine.sliding import LOST
 from dlo_sim.scene.description import Grasp, Obstacle, Scene
 from dlo_sim.scene.needs import Needs, inextensible, needs_of
 from dlo_sim.simulation import bodies, obstacles, self_contact
-from dlo_sim.simulation.build_model import build_model
+from dlo_sim.simulation.build_model import build_model, with_obstacles
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.curve import Curve
 from dlo_sim.simulation.drawn_strands import frames_of
@@ -337,7 +337,7 @@ class Running:
                 missing = {0, 1, 2} - set(self.model.axes)
                 if any(one.pushes_along(k, place[k]) for k in missing for one in added):
                     needs = needs.in_plane(scene)
-        model, kept = build_model(scene, needs, self.geometries, self.origin), self.pressures
+        model, kept = with_obstacles(self.model, scene, needs), self.pressures
         with self.cable.working(self.time):
             for one in known ^ set(scene.bodies):
                 self.ends.queue.by_name.pop(one.name, None)

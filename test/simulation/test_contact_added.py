@@ -7,7 +7,9 @@ import pytest
 from cables import LYING, advance, move, weight
 
 from dlo_sim import Obstacle, Simulator
-from dlo_sim.scene.loading import scene_from_values
+from dlo_sim.compiling.groups import Group
+from dlo_sim.scene.loading import load_scene, scene_from_values
+from dlo_sim.simulation.build_model import build_model, with_obstacles
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 
 TABLE = Obstacle("table", position=(0.0, 0.0, -0.004))
@@ -203,3 +205,32 @@ def test_a_body_from_a_marker_has_samples_beside_those_of_a_ring():
     sim.add_obstacles([replace(BOX, size=(0.001, 0.04, 0.02))])
     assert sim.model.arrays.contact.pieces > 1
     assert sim.advance_steps(5).status.ok
+
+
+def constants(group, of=""):
+    """All numbers of a group of arrays by name."""
+    found = {}
+    for name in group.kind.fields:
+        value = getattr(group, name)
+        if isinstance(value, Group):
+            found |= constants(value, f"{of}{name}.")
+        elif value is not None:
+            found[of + name] = np.array(value)
+    return found
+
+
+@pytest.mark.parametrize("name", ["table", "harness"])
+def test_constants_with_other_obstacles_are_those_of_a_scene_that_has_them(name):
+    """With more, with fewer that are larger and of another shape, and with none."""
+    model = Simulator(load_scene(name, {"contact.markers": 2})).model
+    ball = Obstacle("ball", "sphere", (0.1,) * 3, position=(0.0, 5.0, 0.0))
+    drum = Obstacle("drum", "cylinder", (0.2,) * 3, position=(0.0, 6.0, 0.0))
+    for added in ((ball, drum), (replace(ball, size=(0.3,) * 3),), ()):
+        scene = replace(model.scene, added=added)
+        anew = build_model(scene, model.needs, model.geometries, model.origin)
+        model = with_obstacles(model, scene, model.needs)
+        assert model.arrays.sizes == anew.arrays.sizes
+        assert list(model.obstacles) == list(anew.obstacles)
+        there, here = constants(anew.arrays), constants(model.arrays)
+        wrong = [one for one in there if not np.array_equal(here[one], there[one])]
+        assert not wrong
