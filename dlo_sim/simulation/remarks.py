@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.engine.arrays import TORSION
+from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import mirrors, needs_of
 from dlo_sim.simulation import obstacles, self_contact
 from dlo_sim.simulation.buckling import look_due, plane_warning, release, side_note
@@ -118,8 +119,21 @@ def warnings(sim: Running, found: Mapping[str, obstacles.Contact]) -> tuple[str,
 def notes(sim: Running) -> tuple[str, ...]:
     """`Simulator.notes` beside the warnings."""
     flat = "" if sim.noticed.unstable_first else unstable_in_plane(sim)
-    more = flat, undefined_torsion(sim), side_taken(sim)
+    more = flat, undefined_torsion(sim), side_taken(sim), floating_up(sim.scene)
     return tuple(filter(None, more))
+
+
+def floating_up(scene: Scene) -> str:
+    """One line if all of the cable is in water without a surface, in which it floats up; else
+    empty.
+    """
+    lighter = any(one.scene.displaced > one.scene.cable.mu for one in scene.strands)
+    if scene.water_surface is not None or not lighter or not any(scene.gravity):
+        return ""
+    return (
+        f"water.level: not given, so the cable floats up in water of {scene.water.density:g} "
+        "kg/m^3, which is everywhere; give the height of its surface"
+    )
 
 
 def undefined_torsion(sim: Running) -> str:

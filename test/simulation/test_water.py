@@ -161,3 +161,16 @@ def test_water_everywhere_is_an_assumption():
     ).assumptions
     assert line == "water.level: not given, so that there is water of 1000 kg/m^3 everywhere"
     assert not any("water" in line for line in scene_of(CABLE, {"water.level": 0.0}).assumptions)
+
+
+def test_a_cable_that_floats_up_where_water_is_everywhere_is_told():
+    """Not one that sinks, and not with a surface."""
+
+    def told(**changes):
+        return [one for one in simulator(CABLE | HELD | changes).notes if "floats up" in one]
+
+    light = {"cable.density": 0.8 * WATER}
+    (line,) = told(**light)
+    assert line.startswith("water.level: not given")
+    assert not told()
+    assert not told(**light, **{"water.level": 0.0})
