@@ -364,8 +364,14 @@ class Cable:
         """Largest force per length between strands [N/m]; None without contact with itself."""
         if not self.model.has(SELF):
             return None
-        depth = -float(self.strands()[:, 0].min(initial=0.0)) - self.account.pair_overlap
-        return float(self.arrays.chain.law[self_contact.STIFFNESS]) * max(depth, 0.0)
+        return float(self.arrays.chain.law[self_contact.STIFFNESS]) * self.strand_depth
+
+    @property
+    def strand_depth(self) -> float:
+        """How deep strands are pressed into each other at most [m], between straight segments:
+        where they bend, the surface of the cable is further in.
+        """
+        return max(-float(self.strands()[:, 0].min(initial=0.0)) - self.account.pair_overlap, 0.0)
 
     def part_strands(self, u: float | None = None, kept: float | None = None) -> float:
         """Let strands that overlap give way (`engine.self_contact`); returns by how much [m].

@@ -139,7 +139,8 @@ class DiscretizationError:
         time: due to the step; 0 if the step is so short that its part is not estimated.
         space: due to the number of control points. Both are infinite if unknown.
         unknown: why an error is unknown, one line; empty otherwise.
-        since: time [s] from which the error exceeds accuracy.target; infinite if not known.
+        since: time [s] from which one of both exceeds half of accuracy.target, so that their sum
+            may exceed it; infinite if that is not known.
     """
 
     time: float

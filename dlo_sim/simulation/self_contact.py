@@ -315,11 +315,14 @@ def stiffness_needed(cable: Cable) -> float:
     """Contact stiffness [N/m^2] with which strands would not be pressed too deep into each other; 0
     if they are not.
     """
-    chain, pressure = cable.arrays.chain, cable.pressed_strands or 0.0
-    deepest = PRESSED * 2.0 * float(chain.radius[chain.radius > 0.0].min(initial=math.inf))
-    if pressure <= deepest * float(chain.law[STIFFNESS]):
-        return 0.0
-    return pressure / (0.5 * deepest)
+    deep, most = cable.strand_depth, PRESSED * _thinnest(cable)
+    return float(cable.arrays.chain.law[STIFFNESS]) * deep / (0.5 * most) if deep > most else 0.0
+
+
+def _thinnest(cable: Cable) -> float:
+    """Diameter [m] of the thinnest strand."""
+    radius = cable.arrays.chain.radius
+    return 2.0 * float(radius[radius > 0.0].min())
 
 
 def warnings(cable: Cable, found: Contact | None, cure: str) -> Iterator[str]:
@@ -349,7 +352,7 @@ def warnings(cable: Cable, found: Contact | None, cure: str) -> Iterator[str]:
             f"contact.self_contact: its segments of {segment:.2g} m are coarse for a diameter of "
             f"{diameter:.2g} m; raise discretization.control_points to {needed}, or the diameter"
         )
-    diameter = 2.0 * float(chain.radius[chain.radius > 0.0].min())
+    diameter = _thinnest(cable)
     if account.overlap:
         side = ", maybe to the wrong side" if account.overlap > DEEP * diameter else ""
         yield (
@@ -357,8 +360,7 @@ def warnings(cable: Cable, found: Contact | None, cure: str) -> Iterator[str]:
             f"or came there by changed parameters, and is pushed out at {RETURN:g} m/s{side}; "
             "begin with its strands apart, or change them in small steps"
         )
-    # Between segments: where they bend, the surface of the cable is further in (METHODS.md).
-    deep = -float(cable.strands()[:, 0].min(initial=0.0)) - account.pair_overlap
+    deep = cable.strand_depth
     if deep > PRESSED * diameter:
         yield (
             f"contact.self_contact: strands are pressed {deep:.2g} m into each other, "
